@@ -209,7 +209,7 @@ def test_the_command_prints_what_was_not_carried(tmp_path: Path, capsys: pytest.
     assert main([str(lens)]) == 0
     said = capsys.readouterr().out
     for part in ("lens.zmx:2: UNIT: lengths are multiplied by 25.4", "XYZW: the card is unknown, and was left out", "the coating AR is not at hand",
-                 "Cards without meaning for light: HYPR, MIRR, POPS", "Glass N-BK7: N-BK7 of schott, nd = 1.51680"):
+                 "Cards skipped, without meaning for light: HYPR, MIRR, POPS", "Glass N-BK7: N-BK7 of schott, nd = 1.51680"):
         assert part in said
     lens.write_text(zmx(face=["XYZW 1"]))
     assert main([str(lens)]) == 3

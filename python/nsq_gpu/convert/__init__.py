@@ -127,7 +127,7 @@ def from_file(path: str | os.PathLike[str], *, unknown: str = "refuse", glasses:
         optic, reading = read_lens(path, unknown=unknown, glasses=glasses, coatings=coatings)
         scene = from_optic(optic, **options)
     report = scene.conversion_report
-    said = [*(str(warning.message) for warning in caught), *heard.getvalue().splitlines()]
+    said = [*(str(warning.message) for warning in caught if not issubclass(warning.category, RuntimeWarning)), *heard.getvalue().splitlines()]
     report.remarks = [*reading.remarks, *dict.fromkeys(said), *report.remarks]
     report.passed_over = dict(reading.passed_over)
     report.glasses = dict(reading.glasses_found)

@@ -140,7 +140,7 @@ def _part(face: Face, parts: list[Part], margin: float) -> Part:
         first = part.face
         if first.is_mirror != face.is_mirror or (part.front, part.back) != sides:
             raise UnsupportedSceneError(f"{face.place} lies in the place of {first.place}, and is no second passage of it: one of "
-                                        "them is a mirror, or their media differ; a mirror on a part of a face must stand a little beside it")
+                                        "them is a mirror, or their media differ; move one of them along the axis a little, such as by 0.001 mm")
         for what, one, other in (("coating", _numbers(first.coating), _numbers(face.coating)), ("aperture", first.stated, face.stated)):
             if one != other:
                 raise UnsupportedSceneError(f"{face.place} is a second passage of {first.place}, with another {what}; give both the "

@@ -46,5 +46,5 @@ class LensReport(ConversionReport):
         lines += [f"Glass {name}: {found}" for name, found in self.glasses.items()]
         if self.passed_over:
             counts = (f"{name} ({count})" if count > 1 else name for name, count in sorted(self.passed_over.items()))
-            lines.append(f"Cards without meaning for light: {', '.join(counts)}")
+            lines.append(f"Cards skipped, without meaning for light: {', '.join(counts)}")
         return "\n".join(lines + self.remarks)

@@ -1,7 +1,7 @@
 """Hands the tensors of a prescription on to its scene, so that a loss of the scene has gradients by radii and thicknesses.
 
-A scene is made from numbers. Where a number of the prescription is a tensor that wants a gradient, the tensor then takes the number's
-place: in shapes and frames of faces, in the image's frame, and in media, which are the prescription's own anyway.
+A scene is made from numbers. If a number of the prescription is a tensor with ``requires_grad``, the scene holds the tensor in its
+place: in shapes and frames of faces, in the image's frame, and in mirrors. Media are the prescription's own.
 """
 
 from __future__ import annotations
@@ -135,5 +135,5 @@ def _refuse_second(place: str, first: int, geometry: Any, other: Any) -> None:
     for name, value in own.items():
         known = getattr(other.cs, name) if name in _FRAME else _tensors(other).get(name)
         if known is not value:
-            raise UnsupportedSceneError(f"{place} is a second passage of surface {first}, and its {name} wants a gradient of its own; give both "
-                                        "the same tensor")
+            raise UnsupportedSceneError(f"{place} is the same face as surface {first}, met a second time; its {name} needs the same tensor as surface "
+                                        f"{first}")

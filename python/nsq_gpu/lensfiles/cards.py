@@ -106,7 +106,7 @@ class Card:
         """Return a word as a whole number."""
         value = self.number(index, default)
         if value != int(value):
-            raise UsageError(f"{self.place}: {self.words[index]} is no whole number")
+            raise UsageError(f"{self.place}: {self.words[index]} is not a whole number; write one such as 2")
         return int(value)
 
     def numbers(self) -> list[float]:
@@ -120,9 +120,7 @@ class Card:
             UsageError: There are more.
         """
         if len(self.words) > count:
-            expected = {0: "none is", 1: "one is"}.get(count, f"{count} are")
-            raise UsageError(f"{self.place}: {len(self.words)} words stand behind the name, where {expected} known: {' '.join(self.words[count:])!r} is "
-                             "too much")
+            raise UsageError(f"{self.place}: the card has {len(self.words)} values, but takes {count}; remove {' '.join(self.words[count:])!r}")
 
     @property
     def is_zero(self) -> bool:

@@ -222,7 +222,7 @@ class _Reader:
                         "state its index at each wavelength of PWL, or give glasses={...}")
         values = card.numbers()
         if len(values) != len(self.private_lines):
-            card.broken(f"the private glass {card.name} has {len(values)} indices for {len(self.private_lines)} wavelengths (PWL)")
+            card.broken(f"the private glass {card.name} has {len(values)} indices for {len(self.private_lines)} wavelengths (PWL); write as many indices as wavelengths")
         self.private[glasses.plain(card.name)] = (card, self.private_lines, values)
 
     def _start(self, card: Card) -> None:
@@ -409,7 +409,7 @@ class _Reader:
             kinds = [name for name in ("DAR", "BEN", "REV") if name in given.cards]
             turned = tilted((-angles[0], -angles[1], angles[2]))
             if len(kinds) > 1:
-                given.cards[kinds[1]].broken(f"the surface has {kinds[0]} as well; one kind of decenter is needed")
+                given.cards[kinds[1]].broken(f"the surface has {kinds[0]} as well; keep one of them")
             if number == 0:
                 if shift.any() or any(angles):
                     given.start.refuse("a tilted or decentred object cannot be carried", "tilt the surfaces behind it")
@@ -437,9 +437,9 @@ class _Reader:
                     if kinds == ["BEN"]:
                         card = given.cards["BEN"]
                         if surface.material != "mirror":
-                            card.broken("the surface is no mirror, so nothing is bent")
+                            card.broken("the surface is not a mirror; write REFL as its glass, or DAR in the place of BEN")
                         if angles[0] and angles[1] or angles[2]:
-                            card.refuse("a bend about two axes is not known here", "tilt the mirror by one of ADE and BDE alone")
+                            card.refuse("a bend about two axes is not known here", "keep one of ADE and BDE, and no CDE")
                         rotation = rotation @ turned
                     position = position + rotation @ step
             if surface.numbers.pop("turned", False):
@@ -550,14 +550,14 @@ class _Reader:
         else:
             return None
         if not 1.0 < nd < 10.0:
-            card.broken(f"the glass {token} has an index of {nd:g}")
+            card.broken(f"the glass {token} has an index of {nd:g}; write one between 1 and 10")
         return nd, vd
 
     def _private_glass(self, token: str) -> Any:
         card, known, values = self.private[glasses.plain(token)]
         self.reading.glasses_found[token] = f"the file's private glass: {', '.join(f'{value:g}' for value in values)}"
         if not min(values) >= 1.0 or max(values) > 10.0:
-            card.broken("an index is that of no glass; write one from 1 to 10")
+            card.broken(f"the indices are from {min(values):g} to {max(values):g}; write indices from 1 to 10")
         if len(set(values)) == 1:
             return IdealMaterial(values[0])
         used = self.header["WL"].numbers() if "WL" in self.header else []
@@ -624,7 +624,7 @@ class _Reader:
         if turn and family != "circle":
             cards[general or "ARO"].refuse("the sense in which an aperture is turned is not known here", "write it without a turn")
         if not min(half) > 0.0:
-            some.broken("sizes above 0 are needed")
+            some.broken(f"the aperture has a size of {min(half):g}; write a size above 0")
         if family == "circle":
             return disk(half[0], 0.0, x, y)
         return (rectangle if family == "rectangle" else ellipse)(half[0], half[1], x, y)

@@ -1,7 +1,7 @@
 """Finds the material of a glass's name, and holds it against the index that the file states.
 
-Optiland's own search takes the likeliest of all materials, so that SF6 is a gas, and a name that nobody knows may be anything. Here
-a name is that of a glass in refractiveindex.info's catalogues, but for hyphens and the like, or an error.
+Optiland's search returns the best match of all materials: SF6 becomes a gas. Here a name must be a glass of refractiveindex.info's
+catalogues, where hyphens and case are ignored, or an error is raised.
 """
 
 from __future__ import annotations

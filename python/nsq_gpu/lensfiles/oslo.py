@@ -170,7 +170,7 @@ def _check_glass(card: Card, named: dict[str, Card]) -> None:
     # Two numbers of a model are its index and Abbe number.
     checked = indices[:1] if len(words) < len(card.words) and len(indices) == 2 else indices
     if not all(1.0 <= index <= 10.0 for index in checked):
-        card.broken("an index is that of no glass; write one from 1 to 10")
+        card.broken(f"an index of the glass is {max(checked, key=lambda index: abs(index - 1.5)):g}; write an index from 1 to 10")
     if len(card.words) == 1 and not indices and card.words[0].strip('"').casefold() not in {name.casefold() for name in named}:
         named[card.words[0].strip('"')] = card
 

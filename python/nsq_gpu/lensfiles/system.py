@@ -109,7 +109,7 @@ class System:
     aims_at_stop: bool = False
 
     def check(self, reading: Reading) -> None:
-        """Refuse what is no lens, and leave out what the image has too much."""
+        """Refuse an incomplete lens; leave out apertures and coatings of the object and the image."""
         reading_name = reading.path.name
         if len(self.surfaces) < 3:
             raise UsageError(f"{reading_name}: cannot read it as a lens: there are {len(self.surfaces)} surfaces; an object, a face and "

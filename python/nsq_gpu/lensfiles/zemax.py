@@ -1,8 +1,8 @@
 """Reads sequential lens files of Zemax OpticStudio (.zmx).
 
-No public page describes the format. What a card means is told here from the program's own help (ansyshelp.ansys.com, OpticStudio
-User Guide: Coordinate Break, Toroidal, Biconic, Extended Polynomial, Aperture, Semi-Diameters, Vignetting Factors), from files that
-the program wrote, and from rayoptics, which reads them as well. Where those do not decide, the card is refused.
+No public page describes the format. The meaning of each card comes from the program's help (ansyshelp.ansys.com, OpticStudio User
+Guide: Coordinate Break, Toroidal, Biconic, Extended Polynomial, Aperture, Semi-Diameters), from files that the program wrote, and
+from rayoptics, which reads such files as well. Where these do not settle the meaning of a card, the card is refused.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ HEADER = table(
         "POLS": ("the light's polarisation was left out: rays of a scene carry none", lambda card: card.words[:7] == tuple("1010010")),
     },
     refused={
-        "VANN": ("a pupil that is turned (its tangent angle) cannot be carried", "set it to 0", lambda card: card.is_zero),
-        "ZVAN": ("a pupil that is turned (its tangent angle) cannot be carried", "set it to 0", lambda card: card.is_zero),
+        "VANN": ("vignetting that turns the pupil (its tangent angle) cannot be carried", "set it to 0", lambda card: card.is_zero),
+        "ZVAN": ("vignetting that turns the pupil (its tangent angle) cannot be carried", "set it to 0", lambda card: card.is_zero),
         "PUPD": ("the pupil's definition in this file is not known here", "save the file by a newer version"),
         "CONF": ("configurations are not known here", "save one configuration as a file of its own"),
         "WAVN": ("wavelengths in this form are not known here", "save the file by a newer version, which writes WAVM"),
@@ -117,15 +117,15 @@ def _cards(text: str, reading: Reading) -> tuple[list[Card], list[tuple[Card, li
             if card.whole(0) != len(surfaces):
                 card.broken(f"surface {words[1]} follows surface {len(surfaces) - 1}; surfaces are numbered from 0, without a gap")
             if trailer:
-                card.broken("a surface follows cards that belong to none; lines of a surface are indented")
+                card.broken("the surface stands behind cards that belong to no surface; indent those cards")
             surfaces.append((card, []))
         elif not surfaces:
             header.append(reading.card(name, words[1:], line, None))
         elif trailer or indented and not row[0].isspace():
             # Cards of a surface are indented; what follows the last one is not: tolerances, operands, configurations.
             if any(name in rules and rules[name].fate is Fate.CARRIED for rules in (HEADER, SURFACE)):
-                reading.card(name, words[1:], line, None).broken("the card stands behind the surfaces, where it belongs to nothing; move it before the "
-                                                                "first surface, or indent it")
+                reading.card(name, words[1:], line, None).broken("the card stands behind the last surface; move the card into the header, or indent "
+                                                                "the card under its surface")
             trailer.append(reading.card(name, words[1:], line, None))
         else:
             indented = indented or row[0].isspace()
@@ -529,7 +529,7 @@ class _Reader:
         if card.name in ("CLAP", "OBSC") and not 0.0 <= one_ < other or card.name == "FLAP" and not other > 0.0:
             card.broken(f"the radii {card.words[0]} and {card.words[1]} enclose nothing; the smaller one stands first")
         if card.name in ("SQAP", "SQOB", "ELAP", "ELOB") and not min(one_, other) > 0.0:
-            card.broken("half-widths above 0 are needed")
+            card.broken(f"the half-widths are {card.words[0]} and {card.words[1]}; write numbers above 0")
         shapes = {"CLAP": lambda: disk(other, one_, x, y), "FLAP": lambda: disk(other, 0.0, x, y), "OBSC": lambda: disk(other, one_, x, y),
                   "SQAP": lambda: rectangle(one_, other, x, y), "SQOB": lambda: rectangle(one_, other, x, y),
                   "ELAP": lambda: ellipse(one_, other, x, y), "ELOB": lambda: ellipse(one_, other, x, y)}
@@ -541,8 +541,8 @@ class _Reader:
         given = [card.number(index) for index in (0, 1)]
         whole = [value == int(value) and value > 0.0 for value in given]
         if whole[0] == whole[1]:
-            card.refuse(f"files have the width of a spider's arms first, or their number first: {card.words[0]} and {card.words[1]} may each be the number",
-                        "write a width that is no whole number, such as 2.0001")
+            card.refuse(f"files have the width of a spider's arms first, or the number of arms first, and {card.words[0]} and {card.words[1]} do not say which "
+                        "is the number", "write a width that is no whole number, such as 2.0001, and a number that is one")
         count, width = (int(given[0]), given[1]) if whole[0] else (int(given[1]), given[0])
         if count > 64 or not width > 0.0:
             card.broken(f"{count} arms of a width of {width:g}; up to 64 arms with a width above 0 can be carried")
