@@ -402,7 +402,7 @@ MUTANTS = [
     (".zmx", zemax, "self.unit ** (1 - step * (index + 1))", "self.unit"),
     (".zmx", zemax, '"stop_radius", size.number(0) * self.unit', '"stop_radius", 0.5 * size.number(0) * self.unit'),
     (".zmx", zemax, 'return all_but(shape) if card.name in ("OBSC", "SQOB", "ELOB") else shape', "return shape"),
-    (".zmx", zemax, "(vcx, vcy), (vdx, vdy)", "(vcx, vcy), (0.0, 0.0)"),
+    (".zmx", zemax, "(narrow_x, narrow_y), (shift_x, shift_y)", "(narrow_x, narrow_y), (0.0, 0.0)"),
     (".zmx", zemax, "found.aims_at_stop = mode != 0", "found.aims_at_stop = False"),
     (".zmx", zemax, "found.is_telecentric = kind.whole(1, 0) == 1", "found.is_telecentric = False"),
     (".zmx", zemax, "if size is not None and size.whole(1, 0) == 1 and has_power", "if False and has_power"),

@@ -96,7 +96,7 @@ class System:
     name: str | None = None
     surfaces: list[FileSurface] = field(default_factory=list)
     #: Kind and value: "EPD" [mm], "stop_radius" [mm], "image_fno" (f / EPD), "working_fno" (by the slope at the image), "image_na"
-    #: (by the sine there), "object_na".
+    #: (by the sine there), "object_na", "object_cone" (half the angle, degrees).
     aperture: tuple[str, float] = ("EPD", 0.0)
     #: The card that states the aperture.
     aperture_card: Card | None = None
@@ -202,6 +202,8 @@ class System:
             return "imageFNO", value
         if kind == "object_na":
             return "objectNA", value
+        if kind == "object_cone":
+            return "objectNA", index(0) * math.sin(math.radians(value))
         # Those at the image: f / EPD for a far object, and the object's NA by the magnification for a near one.
         aperture = 0.5 / value if kind == "working_fno" else value
         optic.set_aperture("EPD", 1.0)

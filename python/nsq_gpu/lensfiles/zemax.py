@@ -76,6 +76,8 @@ _REFUSED_TYPES = {"PARAXIAL": "a paraxial (perfect) lens has no glass that light
                   "BINARY_1": "a diffractive surface has no place in a scene", "BINARY_2": "a diffractive surface has no place in a scene",
                   "HOLOGRM1": "a hologram has no place in a scene", "HOLOGRM2": "a hologram has no place in a scene",
                   "NONSEQCO": "objects of the non-sequential mode cannot be carried"}
+#: Lists of the fields, by their cards and old names: weights, shifts and compressions of the pupil; and what stands in a missing list.
+_FIELD_LISTS = {("FWGN", "FWGT"): 1.0, ("VDXN", "ZVDX"): 0.0, ("VDYN", "ZVDY"): 0.0, ("VCXN", "ZVCX"): 0.0, ("VCYN", "ZVCY"): 0.0}
 #: How long a list of fields is that is filled up with zeros, and the wavelength [um] and weight that fill up the slots.
 _PADDED, _EMPTY_SLOT, _SLOTS = 12, (0.55, 1.0), 24
 #: The most terms that a surface with extra data has.
@@ -196,21 +198,14 @@ class _Reader:
             elif card.name == "FNUM":
                 found.aperture = ("working_fno" if flag else "image_fno", value)
             elif flag:
-                found.aperture = ("object_na", self._object_index(found) * math.sin(math.radians(value)))
+                found.aperture = ("object_cone", value)
             else:
                 found.aperture = ("object_na", value)
         if not found.aperture[1] > 0.0:
             card.broken(f"an aperture of {found.aperture[1]:g} lets no light in; write a number above 0")
 
-    def _object_index(self, found: System) -> float:
-        material = found.surfaces[0].material
-        return 1.0 if material == "air" else glasses.index_of(material, found.wavelengths[found.primary][0])
-
     def _light(self, found: System) -> None:
-        kind, aiming = self._one("FTYP"), self._one("RAIM")
-        columns = {key: self._column(*names) for key, names in {
-            "x": ("XFLN", "XFLD"), "y": ("YFLN", "YFLD"), "weight": ("FWGN", "FWGT"), "vdx": ("VDXN", "ZVDX"), "vdy": ("VDYN", "ZVDY"),
-            "vcx": ("VCXN", "ZVCX"), "vcy": ("VCYN", "ZVCY")}.items()}
+        kind = self._one("FTYP")
         num_fields = num_lines = None
         if kind is not None:
             number = kind.whole(0, 0)
@@ -224,28 +219,9 @@ class _Reader:
                 kind.broken("a number of fields or of wavelengths is below 0")
             if kind.whole(6, 0) == 1:
                 self.reading.remark(kind, "image space is afocal: the detector shows where light meets the image surface, and not angles")
-        listed = max(len(columns["x"]), len(columns["y"]), 1)
-        count = num_fields or self._old_count(columns, listed)
-        if count > listed:
-            self.reading.remark(kind, f"the number of fields is {count}, but the lists of fields (XFLN, YFLN) end after {listed}: so many are read")
-            count = listed
-        for names in (("FWGN", "FWGT"), ("VDXN", "ZVDX"), ("VDYN", "ZVDY"), ("VCXN", "ZVCX"), ("VCYN", "ZVCY")):
-            card = self._card(*names)
-            if card is not None and len(card.words) < count:
-                card.broken(f"the list ends after {len(card.words)} of {count} fields")
-        length = self.unit if found.field_type != "angle" else 1.0
-        for index in range(count):
-            x, y, weight, vdx, vdy, vcx, vcy = (
-                columns[key][index] if index < len(columns[key]) else 1.0 if key == "weight" else 0.0
-                for key in ("x", "y", "weight", "vdx", "vdy", "vcx", "vcy"))
-            field = FileField(x * length, y * length, weight, (vcx, vcy), (vdx, vdy))
-            if weight < 0.0:
-                self._card("FWGN", "FWGT").broken(f"the weight {weight:g} of field {index + 1} is below 0")
-            for names, closed in ((("VCXN", "ZVCX"), vcx), (("VCYN", "ZVCY"), vcy)):
-                if not closed < 1.0:
-                    self._card(*names).broken(f"{closed:g} closes the pupil of field {index + 1}; numbers below 1 leave it open")
-            found.fields.append(field)
+        self._fields(found, num_fields)
         self._wavelengths(found, num_lines)
+        aiming = self._one("RAIM")
         if aiming is not None:
             mode = aiming.whole(1 if len(aiming.words) > 1 else 0, 0)
             if mode not in (0, 1, 2):
@@ -254,13 +230,36 @@ class _Reader:
             if mode == 1:
                 self.reading.remark(aiming, "rays are aimed at the paraxial size of the stop in Zemax, and at the stop itself here")
 
-    def _old_count(self, columns: dict[str, list[float]], listed: int) -> int:
+    def _fields(self, found: System, stated: int | None) -> None:
+        """Read the fields; the file states how many there are, if it is no old one."""
+        x, y = (self._column(f"{axis}FLN", f"{axis}FLD") for axis in "XY")
+        listed = max(len(x), len(y), 1)
+        count = stated or self._old_count(x, y, listed)
+        if count > listed:
+            self.reading.remark(self._one("FTYP"), f"the number of fields is {count}, but the lists of fields (XFLN, YFLN) end after {listed}: so many are read")
+            count = listed
+        lists = {names: self._column(*names) or [default] * count for names, default in _FIELD_LISTS.items()}
+        for names, values in lists.items():
+            if len(values) < count:
+                self._card(*names).broken(f"the list ends after {len(values)} of {count} fields")
+        length = self.unit if found.field_type != "angle" else 1.0
+        for index in range(count):
+            weight, shift_x, shift_y, narrow_x, narrow_y = (values[index] for values in lists.values())
+            if weight < 0.0:
+                self._card("FWGN", "FWGT").broken(f"the weight {weight:g} of field {index + 1} is below 0")
+            for names, narrow in ((("VCXN", "ZVCX"), narrow_x), (("VCYN", "ZVCY"), narrow_y)):
+                if not narrow < 1.0:
+                    self._card(*names).broken(f"{narrow:g} closes the pupil of field {index + 1}; numbers below 1 leave it open")
+            place = [length * values[index] if index < len(values) else 0.0 for values in (x, y)]
+            found.fields.append(FileField(place[0], place[1], weight, (narrow_x, narrow_y), (shift_x, shift_y)))
+
+    def _old_count(self, x: list[float], y: list[float], listed: int) -> int:
         """Return how many fields a file without a count has: lists of twelve are filled up with zeros."""
         if listed != _PADDED:
             return listed
 
         def is_empty(index: int) -> bool:
-            return all(index >= len(columns[key]) or columns[key][index] == 0.0 for key in ("x", "y"))
+            return all(index >= len(values) or values[index] == 0.0 for values in (x, y))
 
         while listed > 1 and is_empty(listed - 1):
             listed -= 1
