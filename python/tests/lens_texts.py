@@ -393,6 +393,7 @@ CODEV = [
     Example("RMD", seq(face=["RMD REFL"], second=["S -50.0 -45.0"]), lambda r: r.surfaces[1].interaction_model.is_reflective),
     # Shapes
     Example("STO", seq(stop="", second=["S -50.0 45.0", " STO"]), lambda r: r.surfaces[2].is_stop and not r.surfaces[1].is_stop),
+    Example("STO", seq(stop="", before=["S 0 5; S 0 5; STO"]), lambda r: r.surfaces[2].is_stop and not r.surfaces[1].is_stop),
     Example("STO", seq(stop="", end=["STO S2"]), lambda r: r.surfaces[2].is_stop),
     Example("STO", seq(stop=""), remarked="surface 1 is taken"),
     Example("SLB", seq(face=["SLB \"front\""]), lambda r: r.surfaces[1].comment == "front"),

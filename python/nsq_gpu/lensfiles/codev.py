@@ -100,9 +100,11 @@ _FIELD_TYPES = {"XAN": "angle", "YAN": "angle", "XOB": "object_height", "YOB": "
                 "YIM": "paraxial_image_height", "XRI": "real_image_height", "YRI": "real_image_height"}
 _APERTURE_KINDS = ("CLR", "OBS", "EDG", "HOL")
 _ENDLESS = 1e6
+#: Decenters along x, y and z, and tilts about them.
+_DECENTERS = ("XDE", "YDE", "ZDE", "ADE", "BDE", "CDE")
 
 
-@dataclass
+@dataclass(eq=False)
 class _Given:
     """A surface and its commands; the last of a name counts."""
 
@@ -178,7 +180,8 @@ class _Reader:
         if not self.surfaces:
             raise UsageError(f"{self.reading.path.name}: cannot read it as a lens of CODE V: no line begins with S, SO or SI")
         self._add_ends()
-        self._light(found)
+        self._fields(found)
+        self._wavelengths(found)
         self._surfaces(found, curvatures=_is_no(radius) if radius is not None else self._are_curvatures())
         self._aperture(found)
         return found
@@ -339,7 +342,7 @@ class _Reader:
 
     # The light
 
-    def _light(self, found: System) -> None:
+    def _fields(self, found: System) -> None:
         lists = {name: self.header[name].numbers() for name in (*_FIELD_TYPES, "WTF", "VUX", "VLX", "VUY", "VLY") if name in self.header}
         kinds = {_FIELD_TYPES[name] for name in lists if name in _FIELD_TYPES}
         if len(kinds) > 1:
@@ -369,6 +372,9 @@ class _Reader:
                 self.header["WTF"].broken(f"the weight {weight:g} of field {index + 1} is below 0")
             found.fields.append(FileField(x, y, weight, (compress[0], compress[1]),
                                           (0.5 * (edges[0][1] - edges[0][0]), 0.5 * (edges[1][1] - edges[1][0]))))
+        found.is_telecentric = "TEL" in self.header and not _is_no(self.header["TEL"])
+
+    def _wavelengths(self, found: System) -> None:
         lines = self.header.get("WL")
         values = lines.numbers() if lines is not None else []
         weights = self.header["WTW"].numbers() if "WTW" in self.header and values else [1.0] * len(values)
@@ -383,7 +389,6 @@ class _Reader:
             reference.broken(f"wavelength {found.primary + 1} is the reference, but there are {len(values)}")
         if reference is None and len(values) > 1:
             self.reading.remarks.append(f"{self.reading.path.name}: no reference wavelength (REF) is stated: {values[found.primary]:g} nm is taken")
-        found.is_telecentric = "TEL" in self.header and not _is_no(self.header["TEL"])
 
     def _aperture(self, found: System) -> None:
         card = found.aperture_card = self.aperture
@@ -404,50 +409,55 @@ class _Reader:
             surface = self._surface(given, number, curvatures=curvatures)
             far = abs(given.thickness) >= INFINITE
             surface.thickness = math.copysign(math.inf, given.thickness) if far else given.thickness * self.unit
-            shift = np.array([self._number(given, name) * self.unit for name in ("XDE", "YDE", "ZDE")])
-            angles = [self._number(given, name) for name in ("ADE", "BDE", "CDE")]
-            kinds = [name for name in ("DAR", "BEN", "REV") if name in given.cards]
-            turned = tilted((-angles[0], -angles[1], angles[2]))
-            if len(kinds) > 1:
-                given.cards[kinds[1]].broken(f"the surface has {kinds[0]} as well; keep one of them")
             if number == 0:
-                if shift.any() or any(angles):
-                    given.start.refuse("a tilted or decentred object cannot be carried", "tilt the surfaces behind it")
                 surface.position = np.array([0.0, 0.0, -surface.thickness])
-                found.surfaces.append(surface)
-                continue
-            if far:
+                if any(self._number(given, name) for name in _DECENTERS):
+                    given.start.refuse("a tilted or decentred object cannot be carried", "tilt the surfaces behind it")
+            elif far:
                 given.start.broken("its thickness is infinite; only the object's may be")
-            if given.kind == "SI":
-                # The image's thickness is a defocus, along the axis before it.
-                if given.thickness and (any(angles) or shift.any()):
-                    self.reading.remark(given.start, "the image is tilted or decentred: its defocus is taken along the axis before it")
-                position = position + rotation[:, 2] * surface.thickness
-                surface.thickness = 0.0
-            step = np.array([0.0, 0.0, surface.thickness])
-            if kinds == ["REV"]:
-                surface.position, surface.rotation = position, rotation
-                position, rotation = position + rotation @ turned.T @ (step - shift), rotation @ turned.T
             else:
-                surface.position, surface.rotation = position + rotation @ shift, rotation @ turned
-                if kinds == ["DAR"]:
-                    position = position + rotation @ step
-                else:
-                    position, rotation = surface.position, surface.rotation
-                    if kinds == ["BEN"]:
-                        card = given.cards["BEN"]
-                        if surface.material != "mirror":
-                            card.broken("the surface is not a mirror; write REFL as its glass, or DAR in the place of BEN")
-                        if angles[0] and angles[1] or angles[2]:
-                            card.refuse("a bend about two axes is not known here", "keep one of ADE and BDE, and no CDE")
-                        rotation = rotation @ turned
-                    position = position + rotation @ step
+                if given.kind == "SI":
+                    # The image's thickness is a defocus, along the axis before it.
+                    if given.thickness and any(self._number(given, name) for name in _DECENTERS):
+                        self.reading.remark(given.start, "the image is tilted or decentred: its defocus is taken along the axis before it")
+                    position = position + rotation[:, 2] * surface.thickness
+                    surface.thickness = 0.0
+                position, rotation = self._place(given, surface, position, rotation)
             if surface.numbers.pop("turned", False):
                 surface.rotation = surface.rotation @ rotation_about(2, 90.0)
             found.surfaces.append(surface)
+        self._set_stop(found)
+
+    def _place(self, given: _Given, surface: FileSurface, position: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Place a surface in the frame that is handed on to it; return the frame of the next one."""
+        shift = np.array([self._number(given, name) * self.unit for name in _DECENTERS[:3]])
+        alpha, beta, gamma = (self._number(given, name) for name in _DECENTERS[3:])
+        turned = tilted((-alpha, -beta, gamma))
+        step = np.array([0.0, 0.0, surface.thickness])
+        kinds = [name for name in ("DAR", "BEN", "REV") if name in given.cards]
+        if len(kinds) > 1:
+            given.cards[kinds[1]].broken(f"the surface has {kinds[0]} as well; keep one of them")
+        if kinds == ["REV"]:
+            surface.position, surface.rotation = position, rotation
+            return position + rotation @ turned.T @ (step - shift), rotation @ turned.T
+        surface.position, surface.rotation = position + rotation @ shift, rotation @ turned
+        if kinds == ["DAR"]:
+            return position + rotation @ step, rotation
+        behind = surface.rotation
+        if kinds == ["BEN"]:
+            card = given.cards["BEN"]
+            if surface.material != "mirror":
+                card.broken("the surface is not a mirror; write REFL as its glass, or DAR in the place of BEN")
+            if alpha and beta or gamma:
+                card.refuse("a bend about two axes is not known here", "keep one of ADE and BDE, and no CDE")
+            behind = behind @ turned
+        return surface.position + behind @ step, behind
+
+    def _set_stop(self, found: System) -> None:
+        name = self.reading.path.name
         index = 1
         if self.stop is None:
-            self.reading.remarks.append(f"{self.reading.path.name}: no surface is the stop (STO): surface 1 is taken")
+            self.reading.remarks.append(f"{name}: no surface is the stop (STO): surface 1 is taken")
         else:
             card, index = self.stop
             if index == 0 or index == len(self.surfaces) - 1 and len(self.surfaces) > 2:
@@ -459,10 +469,10 @@ class _Reader:
         if np.abs(stop.position[:2]).max() > 1e-12 or abs(stop.rotation[2, 2] - 1.0) > 1e-12:
             # A paraxial pupil knows no tilts and decenters.
             found.aims_at_stop = True
-            self.reading.remarks.append(f"{self.reading.path.name}: the stop is off the axis, or tilted: rays are aimed at it")
+            self.reading.remarks.append(f"{name}: the stop is off the axis, or tilted: rays are aimed at it")
         elif index > 1 and any(field.x or field.y for field in found.fields):
-            self.reading.remarks.append(f"{self.reading.path.name}: rays are aimed at the paraxial pupil; in CODE V the chief ray of a field goes through the "
-                                        "middle of the stop itself")
+            self.reading.remarks.append(f"{name}: rays are aimed at the paraxial pupil; in CODE V the chief ray of a field goes through the middle of the "
+                                        "stop itself")
 
     def _number(self, given: _Given, name: str) -> float:
         return given.cards[name].number(0) if name in given.cards else 0.0

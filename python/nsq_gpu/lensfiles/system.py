@@ -31,7 +31,7 @@ INFINITE = 1e10
 _ENDLESS = 1e6
 
 
-@dataclass
+@dataclass(eq=False)
 class FileSurface:
     """A surface of a file. Lengths in mm, in the surface's own frame, whose origin is the vertex."""
 
