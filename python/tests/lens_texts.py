@@ -449,6 +449,7 @@ CODEV = [
     Example("CIR", seq(["DIM C"], ["CIR 4"]), lambda r: r.lets(0.0, 39.0) and not r.lets(0.0, 41.0)),
     Example("CIR", seq(face=["CIR HOL 2"]), refused="a hole through glass"),
     Example("CIR", seq(first="S -100.0 -45.0 REFL", second=[], face=["CIR 8", "CIR HOL 2"]), lambda r: not r.lets(0.0, 1.9) and r.lets(0.0, 2.1)),
+    Example("REX", seq(first="S -100.0 -45.0 REFL", second=[], face=["REX HOL 2", "REY HOL 1"]), refused="no disk about the axis"),
     Example("CIR", seq(face=["CIR L'A' 2", "CIR L'B' 3"]), refused="several clear apertures"),
     Example("CIR", seq(face=["CIR 0"]), refused="write a size above 0"),
     Example("REX", seq(face=["REX 3", "REY 2"]), lambda r: r.lets(2.9, 1.9) and not r.lets(3.1, 0.0) and not r.lets(0.0, 2.1)),

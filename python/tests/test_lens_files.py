@@ -24,7 +24,7 @@ from nsq_gpu.convert import prescription
 from nsq_gpu.convert.__main__ import main
 from nsq_gpu.lensfiles import codev, glasses, oslo, zemax
 from tests import live
-from tests.lens_texts import CORPUS, Example, Read, breaks, near, number, oslo as oslo_text, read, seq, typed, zmx
+from tests.lens_texts import CORPUS, ZEMAX_HEADER, Example, Read, breaks, near, number, oslo as oslo_text, read, seq, typed, zmx
 
 TABLES = {".zmx": {**zemax.HEADER, **zemax.SURFACE}, ".seq": codev.CARDS, ".len": oslo.CARDS}
 EXAMPLES = [(suffix, index, example) for suffix, examples in CORPUS.items() for index, example in enumerate(examples)]
@@ -241,6 +241,23 @@ def test_apertures_and_obscurations_leave_the_share_of_their_area(face: list[str
     assert through(scene_of(tmp_path, "lens.zmx", zmx(["FTYP 0 0 1 1"], face))) / whole == pytest.approx(share, abs=0.01)
 
 
+@pytest.mark.parametrize(("lines", "absorbed"), [
+    (["CLAP 0 6 0"], 0.0), (["OBSC 0 2.5 0"], 0.25), (["SQOB 1 1 0"], 4.0 / (25.0 * np.pi)), (["CLAP 2.5 6 0"], 0.0)], ids=lambda value: str(value))
+def test_an_obscuration_of_a_mirror_absorbs_and_a_hole_lets_light_through(lines: list[str], absorbed: float, tmp_path: Path) -> None:
+    # A mirror at 45 degrees, so that its image stands beside the light.
+    mirror = ["STOP", "TYPE STANDARD", "CURV 0", "DISZ 0", "GLAS MIRROR", *lines]
+    fold = ["TYPE COORDBRK", "PARM 3 45", "DISZ 0"]
+    rows = [*(line for name, line in {**dict(ZEMAX_HEADER), "FTYP": "FTYP 0 0 1 1"}.items())]
+    for index, own in enumerate([["CURV 0", "DISZ INFINITY"], ["CURV 0", "DISZ 20"], fold, mirror, [*fold[:2], "DISZ -30"], ["CURV 0", "DISZ 0"]]):
+        rows += [f"SURF {index}", *(f"  {line}" for line in own)]
+    scene = scene_of(tmp_path, "lens.zmx", "\n".join(rows))
+    with live.quiet():
+        result = scene.trace(20_000, seed=1, backend=live.backend(precision="f64"))
+    # The beam is a circle across the axis, and an ellipse on the mirror.
+    share = float(result.num_rays_absorbed) / 20_000
+    assert share == pytest.approx(absorbed * np.cos(np.pi / 4.0), abs=0.01) if absorbed else share == 0.0
+
+
 def test_vignetting_moves_and_narrows_the_beam(tmp_path: Path) -> None:
     scene = scene_of(tmp_path, "lens.zmx", zmx(["VDYN 0 0.2", "VCYN 0 0.3", "VCXN 0 0.1"]))
     plain = scene_of(tmp_path, "plain.zmx", zmx())
@@ -416,7 +433,7 @@ MUTANTS = [
     (".seq", codev, 'if kinds == ["DAR"]:', 'if kinds == ["DA"]:'),
     (".seq", codev, "behind = behind @ turned", "pass"),
     (".seq", codev, "return position + rotation @ turned.T @ (step - shift), rotation @ turned.T", "return position + rotation @ step, rotation"),
-    (".seq", codev, 'opening = both(opening, all_but(hidden)) if opening is not None else all_but(hidden)', "opening = both(opening, hidden)"),
+    (".seq", codev, "opening = both(opening, all_but(self._region(sizes[key])))", "opening = both(opening, self._region(sizes[key]))"),
     (".seq", codev, "for name in _DECENTERS[:3]", "for name in (*_DECENTERS[:2], 'XOD')"),
     (".seq", codev, "(0.5 * (edges[0][1] - edges[0][0]), 0.5 * (edges[1][1] - edges[1][0]))", "(0.0, 0.0)"),
     (".seq", codev, "position = position + rotation[:, 2] * surface.thickness\n                    surface.thickness = 0.0", "surface.thickness = 0.0"),

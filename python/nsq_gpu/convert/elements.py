@@ -72,6 +72,10 @@ def build(scene: NSQScene, faces: list[Face], rays: Rays, edges: str | BaseBSDF,
             scene.add_component(f"{part.name}.mask", AbsorbingComponent(part.face.frame(), shape, name=f"{part.name}.mask"))
         elif isinstance(part.face.stated, Aperture):
             report.remarks.append(f"{part.name}: light beside its aperture, and through a hole of it, goes on")
+            for number, obstacle in enumerate(_obstacles(part.face.stated), start=1):
+                # What stands before a mirror absorbs.
+                name = f"{part.name}.mask" if number == 1 else f"{part.name}.mask_{number}"
+                scene.add_component(name, AbsorbingComponent(part.face.frame(), part.face.form.clipped(part.radius, obstacle), name=name))
     mounted: set[int] = set()
     for element in elements:
         if _add_edges(scene, element, rays, edges, outer, report):
@@ -93,6 +97,13 @@ def build(scene: NSQScene, faces: list[Face], rays: Rays, edges: str | BaseBSDF,
         report.components[face.index] = ((by_index[face.index],) if face.index in by_index else ()) + names
     report.components = dict(sorted(report.components.items()))
     report.max_depth = sum(not face.does_nothing for face in faces) + 1
+
+
+def _obstacles(aperture: Aperture) -> list[Aperture]:
+    """Return what an aperture takes away from another: obscurations, as of a telescope."""
+    if aperture.outline == "difference":
+        return [aperture.parts[1], *_obstacles(aperture.parts[0])]
+    return [obstacle for part in aperture.parts for obstacle in _obstacles(part)] if aperture.outline == "intersection" else []
 
 
 def _opening(face: Face) -> float:

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from optiland.materials import DataMaterial, IdealMaterial
+from optiland.physical_apertures import RadialAperture
 
 from nsq_gpu.errors import UnsupportedSceneError, UsageError
 from nsq_gpu.lensfiles import glasses
@@ -604,11 +605,16 @@ class _Reader:
         for key in wanted:
             opening = both(opening, self._region(sizes[key]))
         for key in sizes:
-            if key[0] == "HOL" and not is_mirror:
-                next(iter(sizes[key].values())).refuse("a hole through glass cannot be carried", "remove it, or write an obscuration (OBS)")
-            if key[0] in ("OBS", "HOL"):
-                hidden = self._region(sizes[key])
-                opening = both(opening, all_but(hidden)) if opening is not None else all_but(hidden)
+            if key[0] == "HOL":
+                card = next(iter(sizes[key].values()))
+                hole = self._region(sizes[key])
+                if not is_mirror:
+                    card.refuse("a hole through glass cannot be carried", "remove it, or write an obscuration (OBS)")
+                if type(hole) is not RadialAperture:
+                    card.refuse("a hole that is no disk about the axis cannot be carried", "write CIR HOL, or an obscuration (OBS)")
+                opening = both(opening, disk(_ENDLESS, float(hole.r_max)))
+            elif key[0] == "OBS":
+                opening = both(opening, all_but(self._region(sizes[key])))
         return opening
 
     def _region(self, cards: dict[str, Card]) -> Any:
