@@ -145,6 +145,44 @@ def test_an_asphere_and_a_mirror_keep_their_tensors() -> None:
     assert float(reflectance.grad) == pytest.approx(loss / 0.8, rel=1e-9)
 
 
+@pytest.mark.parametrize(("kind", "value"), [
+    (lambda number: {"surface_type": "even_asphere", "radius": 60.0, "coefficients": [number, 1e-6]}, 1e-4),
+    (lambda number: {"surface_type": "odd_asphere", "radius": 60.0, "coefficients": [0.0, 0.0, number]}, 1e-5),
+    (lambda number: {"radius": 60.0, "rx": number}, 0.02)], ids=["even_asphere", "odd_asphere", "tilt"])
+def test_a_coefficient_and_a_tilt_have_the_derivative_of_a_difference(kind: Any, value: float) -> None:
+    under_torch()
+
+    def loss(number: Any) -> Any:
+        optic = singlet(60.0, 5.0, 40.0)
+        made = Optic()
+        made.surfaces.add(index=0, thickness=be.inf)
+        made.surfaces.add(index=1, thickness=5.0, material=IdealMaterial(n=1.5), is_stop=True, **kind(number))
+        made.surfaces.add(index=2, thickness=40.0, radius=-60.0)
+        made.surfaces.add(index=3)
+        made.aperture, made.fields, made.wavelengths = optic.aperture, optic.fields, optic.wavelengths
+        return spread(nsq_gpu.from_optic(made, detector_size=(8.0, 8.0)))
+
+    tensor = torch.tensor(value, dtype=torch.float64, requires_grad=True)
+    loss(tensor).backward()
+    step = 1e-3 * value
+    assert float(tensor.grad) == pytest.approx(float(loss(value + step) - loss(value - step)) / (2.0 * step), rel=2e-3)
+
+
+def test_a_norm_is_no_tensor_that_is_dropped() -> None:
+    under_torch()
+    norm = torch.tensor(15.0, dtype=torch.float64, requires_grad=True)
+    optic = singlet(60.0, 5.0, 40.0)
+    made = Optic()
+    made.surfaces.add(index=0, thickness=be.inf)
+    made.surfaces.add(index=1, thickness=5.0, radius=60.0, material=IdealMaterial(n=1.5), is_stop=True, surface_type="zernike", norm_radius=norm,
+                      zernike_type="standard", coefficients=[0.0, 0.02, -0.03, 0.05])
+    made.surfaces.add(index=2, thickness=40.0, radius=-60.0)
+    made.surfaces.add(index=3)
+    made.aperture, made.fields, made.wavelengths = optic.aperture, optic.fields, optic.wavelengths
+    scene = nsq_gpu.from_optic(made)
+    assert scene.surfaces[0].geometry.norm_radius is norm
+
+
 def test_tensors_that_would_be_dropped_are_refused() -> None:
     under_torch()
     wanted = torch.tensor(200.0, dtype=torch.float64, requires_grad=True)

@@ -19,7 +19,8 @@ from nsq_gpu.errors import UnsupportedSceneError, wants_gradient
 
 #: Numbers of a scene's shape, and those of Optiland's geometries that they are, the first that exists.
 _NUMBERS = {"radius": ("radius",), "conic": ("k",), "coefficients": ("coefficients",), "radius_x": ("Rx", "R_rot"), "radius_y": ("Ry", "R_yz"),
-            "conic_x": ("kx",), "conic_y": ("ky",), "coeffs_poly_y": ("coeffs_poly_y",)}
+            "conic_x": ("kx",), "conic_y": ("ky",), "coeffs_poly_y": ("coeffs_poly_y",), "norm_x": ("norm_x",), "norm_y": ("norm_y",),
+            "norm_radius": ("norm_radius",)}
 _FRAME = ("x", "y", "z", "rx", "ry", "rz")
 
 
