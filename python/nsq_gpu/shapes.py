@@ -12,6 +12,9 @@ import optiland.backend as be
 from optiland.nonsequential.components.geometry.analytic.conic import ConicGeometry
 from optiland.zernike import ZernikeFringe, ZernikeNoll, ZernikeStandard
 
+#: An aperture of that size has no end [mm].
+ENDLESS = 1e6
+
 
 @dataclass(frozen=True)
 class Aperture:

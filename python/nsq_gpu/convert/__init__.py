@@ -28,6 +28,7 @@ from nsq_gpu.convert.fields import add_sources
 from nsq_gpu.convert.report import LensReport
 from nsq_gpu.convert.tensors import attach
 from nsq_gpu.errors import NsqGpuError, UnsupportedSceneError, UsageError
+from nsq_gpu.frames import frame, placed
 from nsq_gpu.lensfiles import read_lens
 
 #: What is free around the light of all fields on the detector, as a share of its extent.
@@ -136,7 +137,7 @@ def from_file(path: str | os.PathLike[str], *, unknown: str = "refuse", glasses:
 
 def _before_image(optic: Any, faces: list[prescription.Face], report: LensReport) -> list[prescription.Face]:
     """Leave out refracting surfaces in the image itself, behind which there is nothing."""
-    image, _ = prescription.placed(optic.image_surface.geometry.cs)
+    image, _ = placed(optic.image_surface.geometry.cs)
     while faces and not faces[-1].is_mirror and np.abs(faces[-1].position - image).max() <= 1e-9:
         if faces[-1].stated is not None or faces[-1].coating is not None or not faces[-1].form.is_flat:
             raise UnsupportedSceneError(f"{faces[-1].place} lies in the image, and is no bare plane: a detector stands there alone")
@@ -161,7 +162,7 @@ def _refuse_virtual(optic: Any, rays: prescription.Rays, faces: list[prescriptio
 
 def _add_detector(scene: NSQScene, optic: Any, rays: prescription.Rays, pixels: tuple[int, int],
                   size: tuple[float, float] | None, report: LensReport) -> None:
-    position, rotation = prescription.placed(optic.image_surface.geometry.cs)
+    position, rotation = placed(optic.image_surface.geometry.cs)
     local = (rays.places[-1][rays.arrive] - position) @ rotation
     directions = rays.directions[-2][rays.arrive] @ rotation
     on_plane = local - directions * (local[:, 2] / directions[:, 2])[:, None]
@@ -173,5 +174,5 @@ def _add_detector(scene: NSQScene, optic: Any, rays: prescription.Rays, pixels: 
     curved = np.abs(local[:, 2]).max()
     if curved > 1e-9:
         report.remarks.append(f"the image is curved: its light is up to {curved:.3g} mm off the detector, a plane in its vertex")
-    scene.add_detector("image", prescription.frame(position, rotation),
+    scene.add_detector("image", frame(position, rotation),
                        IrradianceDetectorConfig(*size, *pixels))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-import warnings
 from collections.abc import Sequence
 
 from nsq_gpu.convert import from_file
@@ -31,10 +30,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         if given.output is not None and os.path.exists(given.output) and os.path.samefile(given.lens, given.output):
             raise UsageError(f"{given.output}: the scene would be written over the lens; give another name")
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            scene = from_file(given.lens, detector_pixels=(given.pixels, given.pixels), edges=given.edges, margin=given.margin,
-                              unknown=given.unknown)
+        scene = from_file(given.lens, detector_pixels=(given.pixels, given.pixels), edges=given.edges, margin=given.margin,
+                          unknown=given.unknown)
         if given.output is not None:
             export_scene(scene, given.output)
     except NsqGpuError as error:

@@ -20,10 +20,10 @@ from optiland.nonsequential.components.refractive import RefractiveComponent
 from optiland.nonsequential.materials.nsq_material import VACUUM
 
 from nsq_gpu.coatings import TabulatedCoating
-from nsq_gpu.convert.prescription import ENDLESS, Face, Rays
+from nsq_gpu.convert.prescription import Face, Rays
 from nsq_gpu.convert.report import LensReport
 from nsq_gpu.errors import UnsupportedSceneError
-from nsq_gpu.shapes import Aperture
+from nsq_gpu.shapes import ENDLESS, Aperture
 
 #: How much larger an opening is than the rays that were traced, which are not all: the share of its radius.
 _ROOM = 1e-3
@@ -66,16 +66,13 @@ def build(scene: NSQScene, faces: list[Face], rays: Rays, edges: str | BaseBSDF,
     outer = max([outer, *(_MOUNT * _opening(face) for face in stops)])
     for part in parts:
         scene.add_component(part.name, _component(part, report))
-        if isinstance(part.face.stated, Aperture) and not part.face.is_mirror:
-            # What the aperture leaves out of the face absorbs.
-            shape = part.face.form.clipped(part.radius, part.face.stated.inverse())
-            scene.add_component(f"{part.name}.mask", AbsorbingComponent(part.face.frame(), shape, name=f"{part.name}.mask"))
-        elif isinstance(part.face.stated, Aperture):
+        if not isinstance(part.face.stated, Aperture):
+            continue
+        if part.face.is_mirror:
             report.remarks.append(f"{part.name}: light beside its aperture, and through a hole of it, goes on")
-            for number, obstacle in enumerate(_obstacles(part.face.stated), start=1):
-                # What stands before a mirror absorbs.
-                name = f"{part.name}.mask" if number == 1 else f"{part.name}.mask_{number}"
-                scene.add_component(name, AbsorbingComponent(part.face.frame(), part.face.form.clipped(part.radius, obstacle), name=name))
+        for number, absorbs in enumerate(_absorbing(part.face), start=1):
+            name = f"{part.name}.mask" if number == 1 else f"{part.name}.mask_{number}"
+            scene.add_component(name, AbsorbingComponent(part.face.frame(), part.face.form.clipped(part.radius, absorbs), name=name))
     mounted: set[int] = set()
     for element in elements:
         if _add_edges(scene, element, rays, edges, outer, report):
@@ -97,6 +94,11 @@ def build(scene: NSQScene, faces: list[Face], rays: Rays, edges: str | BaseBSDF,
         report.components[face.index] = ((by_index[face.index],) if face.index in by_index else ()) + names
     report.components = dict(sorted(report.components.items()))
     report.max_depth = sum(not face.does_nothing for face in faces) + 1
+
+
+def _absorbing(face: Face) -> list[Aperture]:
+    """Return what of a face absorbs: all that the aperture of glass leaves out, and what stands before a mirror."""
+    return _obstacles(face.stated) if face.is_mirror else [face.stated.inverse()]
 
 
 def _obstacles(aperture: Aperture) -> list[Aperture]:

@@ -10,9 +10,10 @@ import optiland.backend as be
 from optiland.nonsequential import NSQMaterial, NSQScene
 from optiland.nonsequential.sources.base import Spectrum
 
-from nsq_gpu.convert.prescription import fields_of, frame, rays_of
+from nsq_gpu.convert.prescription import fields_of, rays_of
 from nsq_gpu.convert.report import LensReport
 from nsq_gpu.errors import UnsupportedSceneError
+from nsq_gpu.frames import frame
 from nsq_gpu.lensfiles.system import VignettedField
 from nsq_gpu.sources import Aim, PupilSource
 

@@ -14,6 +14,7 @@ from optiland import geometries
 
 from nsq_gpu import shapes
 from nsq_gpu.errors import UnsupportedSceneError
+from nsq_gpu.frames import number_of
 
 #: Coefficients of an asphere, and highest power of a polynomial, that a scene has place for.
 MOST_COEFFICIENTS = 10
@@ -120,11 +121,6 @@ class Form:
 
 def _listed(value: Any) -> Any:
     return [_listed(item) for item in value] if isinstance(value, tuple) else value
-
-
-def number_of(value: Any) -> float:
-    """Return one of Optiland's numbers, of whatever backend and shape."""
-    return float(np.squeeze(be.to_numpy(value)))
 
 
 def _trimmed(values: Any) -> tuple[float, ...]:

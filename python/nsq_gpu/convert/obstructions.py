@@ -6,8 +6,9 @@ import numpy as np
 import optiland.backend as be
 from optiland.nonsequential import NSQScene
 
-from nsq_gpu.convert.prescription import Face, Rays, acting, placed
+from nsq_gpu.convert.prescription import Face, Rays, acting
 from nsq_gpu.convert.report import LensReport
+from nsq_gpu.frames import placed
 
 #: Nearer to an end of a ray's stretch than that, nothing is in its way [mm].
 _END = 1e-6

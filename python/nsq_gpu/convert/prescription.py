@@ -29,18 +29,17 @@ from optiland.physical_apertures import (
 )
 
 from nsq_gpu.coatings import TabulatedCoating
-from nsq_gpu.convert.forms import Form, form_of, number_of
+from nsq_gpu.convert.forms import Form, form_of
 from nsq_gpu.errors import UnsupportedSceneError
+from nsq_gpu.frames import frame, number_of, placed
 from nsq_gpu.lensfiles.system import moved_in_pupil
-from nsq_gpu.shapes import Aperture
+from nsq_gpu.shapes import ENDLESS, Aperture
 
 #: Apertures made of two others.
 _COMBINED = {UnionAperture: "union", IntersectionAperture: "intersection", DifferenceAperture: "difference"}
 _APERTURES = (RadialAperture, OffsetRadialAperture, EllipticalAperture, RectangularAperture, PolygonAperture, FileAperture, *_COMBINED)
 #: How deep apertures may be made of apertures, and the most corners of a polygon, in a scene.
 _DEEPEST, _MOST_CORNERS = 16, 4096
-#: An aperture of that size has no end [mm].
-ENDLESS = 1e6
 
 #: Directions in the pupil along which its outermost ray is looked for, and shares of that ray's place that are traced.
 _TURNS = 64
@@ -101,23 +100,6 @@ class Rays:
     directions: np.ndarray
     #: True of rays that reach the image.
     arrive: np.ndarray
-
-
-def frame(position: np.ndarray, rotation: np.ndarray) -> CoordinateSystem:
-    """Return a frame with this origin [mm] and these axes, the columns of a rotation."""
-    # Optiland's rotation is Rz Ry Rx.
-    ry = math.asin(max(-1.0, min(1.0, -rotation[2, 0])))
-    if abs(rotation[2, 0]) < 1.0 - 1e-14:
-        rx, rz = math.atan2(rotation[2, 1], rotation[2, 2]), math.atan2(rotation[1, 0], rotation[0, 0])
-    else:
-        rx, rz = math.atan2(-rotation[1, 2], rotation[1, 1]), 0.0
-    return CoordinateSystem(*(float(part) for part in position), rx, ry, rz)
-
-
-def placed(cs: CoordinateSystem) -> tuple[np.ndarray, np.ndarray]:
-    """Return the origin of a frame [mm] and its axes, the columns of a rotation: the inverse of :func:`frame`."""
-    position, rotation = (be.to_numpy(part).astype(float) for part in cs.get_effective_transform())
-    return position.ravel(), rotation
 
 
 def acting(faces: list[Face], image: int, first: int | None = None) -> Iterator[tuple[int, int]]:

@@ -13,9 +13,9 @@ from optiland.coatings import SimpleCoating
 from optiland.coordinate_system import CoordinateSystem
 from optiland.nonsequential import NSQScene
 
-from nsq_gpu.convert.forms import number_of
 from nsq_gpu.convert.report import LensReport
 from nsq_gpu.errors import UnsupportedSceneError, wants_gradient
+from nsq_gpu.frames import number_of
 
 #: Numbers of a scene's shape, and those of Optiland's geometries that they are, the first that exists.
 _NUMBERS = {"radius": ("radius",), "conic": ("k",), "coefficients": ("coefficients",), "radius_x": ("Rx", "R_rot"), "radius_y": ("Ry", "R_yz"),

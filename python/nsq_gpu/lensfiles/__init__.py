@@ -19,6 +19,7 @@ from optiland.materials import BaseMaterial
 from nsq_gpu.errors import NsqGpuError, UsageError
 from nsq_gpu.lensfiles import codev, oslo, zemax
 from nsq_gpu.lensfiles.cards import Reading, decode
+from nsq_gpu.lensfiles.glasses import plain
 from nsq_gpu.lensfiles.system import System
 
 #: What reads the text of a file, by the end of its name.
@@ -58,7 +59,8 @@ def read_lens(path: str | os.PathLike[str], *, unknown: str = "refuse", glasses:
         if not isinstance(given, Mapping | None) or not all(isinstance(name, str) and isinstance(value, kind) for name, value in (given or {}).items()):
             raise UsageError(f"{what} is {given!r}; give a dictionary of names and Optiland's {what}, {kind.__name__}")
     _check_path(path)
-    reading = Reading(path, unknown, glasses or {}, coatings or {})
+    reading = Reading(path, unknown, {plain(name): material for name, material in (glasses or {}).items()},
+                      {name.upper(): coating for name, coating in (coatings or {}).items()})
     if path.suffix.lower() == ".json":
         return _optilands(path), reading
     try:
@@ -68,7 +70,7 @@ def read_lens(path: str | os.PathLike[str], *, unknown: str = "refuse", glasses:
             numbers = [surface.number for surface in found.surfaces]
             if numbers != list(range(len(numbers))):
                 others = ", ".join(f"surface {index} is {number}" for index, number in enumerate(numbers) if index != number)
-                reading.remarks.append(f"{path.name}: coordinate breaks are no surfaces of the report. In the file its {others}")
+                reading.remark(None, f"coordinate breaks are no surfaces of the report. In the file its {others}")
             found = found.optic(reading)
     except NsqGpuError:
         raise

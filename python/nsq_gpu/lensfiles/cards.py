@@ -19,6 +19,10 @@ from typing import Any, NoReturn
 from nsq_gpu.errors import UnsupportedSceneError, UsageError
 
 
+#: What to do with a card that no scene can carry.
+SAVE_WITHOUT_IT = "save the lens without it, or trace it in the program that wrote it"
+
+
 class Fate(Enum):
     """What becomes of a card."""
 
@@ -143,9 +147,9 @@ class Reading:
     path: Path
     #: What becomes of an unknown card of a surface: "refuse" or "remark".
     unknown: str = "refuse"
-    #: Materials that the user gives for names of glasses.
+    #: Materials that the user gives, by the plain names of glasses (:func:`nsq_gpu.lensfiles.glasses.plain`).
     glasses: Mapping[str, Any] = field(default_factory=dict)
-    #: Coatings that the user gives for names of coatings.
+    #: Coatings that the user gives, by names in upper case.
     coatings: Mapping[str, Any] = field(default_factory=dict)
     #: mm a unit of the file.
     unit: float = 1.0
@@ -160,9 +164,24 @@ class Reading:
         where = "" if surface is None else f"surface {surface}: "
         return Card(name, tuple(words), f"{self.path.name}:{line}: {where}{name}")
 
-    def remark(self, card: Card, text: str) -> None:
-        """Keep what the user should know of a card."""
-        self.remarks.append(f"{card.place}: {text}")
+    def remark(self, card: Card | None, text: str) -> None:
+        """Keep what the user should know of a card, or of the file as a whole."""
+        self.remarks.append(f"{self.path.name if card is None else card.place}: {text}")
+
+    def broken(self, what: str) -> NoReturn:
+        """Refuse the file because it makes no sense as a whole."""
+        raise UsageError(f"{self.path.name}: {what}")
+
+    def read_unit(self, name: str, card: Card | None, units: Mapping[str, float], choices: str) -> None:
+        """Keep how many mm a unit of the file is: 1, unless the card of that name is there; errors say the choices."""
+        if card is None:
+            self.remark(None, f"no unit ({name}) is stated: lengths are taken as mm")
+        elif not card.words or card.words[0].upper() not in units:
+            card.broken(f"the unit {' '.join(card.words[:1])!r} is unknown; write {choices}")
+        else:
+            self.unit = units[card.words[0].upper()]
+            if self.unit != 1.0:
+                self.remark(card, f"lengths are multiplied by {self.unit:g}, since a scene is in mm")
 
     def is_carried(self, card: Card, rules: Mapping[str, Rule], *, in_surface: bool) -> bool:
         """Apply the rule of a card; tell whether its numbers are to be used.

@@ -17,16 +17,16 @@ import numpy as np
 from optiland.materials import DataMaterial, IdealMaterial
 from optiland.physical_apertures import RadialAperture
 
-from nsq_gpu.errors import UnsupportedSceneError, UsageError
+from nsq_gpu.errors import UnsupportedSceneError
 from nsq_gpu.lensfiles import glasses
-from nsq_gpu.lensfiles.cards import Card, Reading, number_of, table
+from nsq_gpu.lensfiles.cards import SAVE_WITHOUT_IT, Card, Reading, number_of, table
 from nsq_gpu.lensfiles.system import INFINITE, FileField, FileSurface, System, all_but, both, disk, ellipse, rectangle, rotation_about, tilted
+from nsq_gpu.shapes import ENDLESS
 
 #: mm a unit.
 UNITS = {"M": 1.0, "MM": 1.0, "C": 10.0, "CM": 10.0, "I": 25.4, "IN": 25.4, "INC": 25.4, "INCH": 25.4, "INCHES": 25.4}
 #: Coefficients of an asphere, and the power of r of each.
 POWERS = dict(zip("ABCDEFGHJ", range(4, 22, 2), strict=True))
-_SAVE = "save the lens without it, or trace it in the program that wrote it"
 
 
 def _is_no(card: Card) -> bool:
@@ -53,54 +53,45 @@ CARDS = table(
         "TEM": ("indices are not corrected for the air's temperature", lambda card: 20.0 <= card.number(0) <= 22.0),
         "PRE": ("indices are not corrected for the air's pressure", lambda card: card.number(0) == 760.0),
         "MLT": "a coating was left out: the face is bare, and reflects by Fresnel's law",
-        "AFI": "the image is afocal: the detector shows where light meets the image surface, and not angles",
-        "AFC": "the image is afocal: the detector shows where light meets the image surface, and not angles",
+        **dict.fromkeys(("AFI", "AFC"), "the image is afocal: the detector shows where light meets the image surface, and not angles"),
         "PIK": "a number is picked up from another: the one that the file states is taken",
         "PIM": "the image's place is solved for: the thickness that the file states is taken",
-        **{name: "the pupil's apodisation was left out: the source of a field fills the pupil uniformly" for name in ("PUX", "PUY", "PUI")},
+        **dict.fromkeys(("PUX", "PUY", "PUI"), "the pupil's apodisation was left out: the source of a field fills the pupil uniformly"),
     },
     refused={
         "ZOO": ("zoom positions cannot be carried", "save one position as a file of its own", _is_one),
         "WID": ("aiming of a wide-angle lens is not known here", "set WID N", _is_no),
         "POL": ("rays of a scene carry no polarisation", "set POL N", _is_no),
         "IC": ("the other intersection of a ray and a surface cannot be carried", "set IC N", _is_no),
-        "CUF": ("a Fresnel surface cannot be carried", _SAVE, _is_zero),
-        "XOD": ("a pivot of tilts is not known here", "write the shift as XDE, YDE and ZDE", _is_zero),
-        "YOD": ("a pivot of tilts is not known here", "write the shift as XDE, YDE and ZDE", _is_zero),
-        "ZOD": ("a pivot of tilts is not known here", "write the shift as XDE, YDE and ZDE", _is_zero),
+        "CUF": ("a Fresnel surface cannot be carried", SAVE_WITHOUT_IT, _is_zero),
+        **dict.fromkeys(("XOD", "YOD", "ZOD"), ("a pivot of tilts is not known here", "write the shift as XDE, YDE and ZDE", _is_zero)),
         "RET": ("a return to another surface's frame is not known here", "write the tilts by XDE .. CDE"),
         "GLB": ("a frame by a global reference is not known here", "write the tilts by XDE .. CDE"),
-        "AAS": ("an anamorphic asphere cannot be carried", _SAVE),
-        "ANA": ("an anamorphic asphere cannot be carried", _SAVE),
-        "SPS": ("a special surface cannot be carried", _SAVE),
-        "SCO": ("a coefficient of a special surface cannot be carried", _SAVE),
-        "UDS": ("a surface of the user's own cannot be carried", _SAVE),
-        "SPL": ("a spline cannot be carried", _SAVE),
-        "DIF": ("a grating or diffractive surface has no place in a scene", _SAVE),
-        "GRT": ("a grating has no place in a scene", _SAVE), "GRO": ("a grating has no place in a scene", _SAVE),
-        "GRS": ("a grating has no place in a scene", _SAVE), "GRX": ("a grating has no place in a scene", _SAVE),
-        "GRY": ("a grating has no place in a scene", _SAVE), "GRZ": ("a grating has no place in a scene", _SAVE),
-        "HOE": ("a hologram has no place in a scene", _SAVE), "HOR": ("a diffractive surface has no place in a scene", _SAVE),
-        "HWL": ("a diffractive surface has no place in a scene", _SAVE), "HCT": ("a diffractive surface has no place in a scene", _SAVE),
-        "HCO": ("a diffractive surface has no place in a scene", _SAVE),
-        "MFL": ("a paraxial (perfect) lens has no glass that light could meet", _SAVE),
-        "MOD": ("a paraxial (perfect) lens has no glass that light could meet", _SAVE),
-        "GRN": ("a gradient index cannot be carried", _SAVE), "GRD": ("a gradient index cannot be carried", _SAVE),
-        "THG": ("a thermal gradient cannot be carried", _SAVE), "DEF": ("a deformation cannot be carried", _SAVE),
-        "INT": ("a measured surface error cannot be carried", _SAVE), "IFR": ("a measured surface error cannot be carried", _SAVE),
-        "GL1": ("media of non-sequential surfaces cannot be carried", _SAVE), "GL2": ("media of non-sequential surfaces cannot be carried", _SAVE),
-        "NSS": ("non-sequential surfaces cannot be carried", _SAVE),
-        "INS": ("commands that change the list of surfaces are not followed", "save the lens in CODE V, and convert that file"),
-        "DEL": ("commands that change the list of surfaces are not followed", "save the lens in CODE V, and convert that file"),
-        **{name: ("the file is a program, not a lens", "run it in CODE V, and save the lens")
-           for name in ("IN", "RES", "IF", "ELS", "FOR", "WHI", "UNT", "LCL", "GBL", "NUM", "STR", "EVA", "FCT", "RTN", "GOT")},
+        **dict.fromkeys(("AAS", "ANA"), ("an anamorphic asphere cannot be carried", SAVE_WITHOUT_IT)),
+        "SPS": ("a special surface cannot be carried", SAVE_WITHOUT_IT),
+        "SCO": ("a coefficient of a special surface cannot be carried", SAVE_WITHOUT_IT),
+        "UDS": ("a surface of the user's own cannot be carried", SAVE_WITHOUT_IT),
+        "SPL": ("a spline cannot be carried", SAVE_WITHOUT_IT),
+        "DIF": ("a grating or diffractive surface has no place in a scene", SAVE_WITHOUT_IT),
+        **dict.fromkeys(("GRT", "GRO", "GRS", "GRX", "GRY", "GRZ"), ("a grating has no place in a scene", SAVE_WITHOUT_IT)),
+        "HOE": ("a hologram has no place in a scene", SAVE_WITHOUT_IT),
+        **dict.fromkeys(("HOR", "HWL", "HCT", "HCO"), ("a diffractive surface has no place in a scene", SAVE_WITHOUT_IT)),
+        **dict.fromkeys(("MFL", "MOD"), ("a paraxial (perfect) lens has no glass that light could meet", SAVE_WITHOUT_IT)),
+        **dict.fromkeys(("GRN", "GRD"), ("a gradient index cannot be carried", SAVE_WITHOUT_IT)),
+        "THG": ("a thermal gradient cannot be carried", SAVE_WITHOUT_IT),
+        "DEF": ("a deformation cannot be carried", SAVE_WITHOUT_IT),
+        **dict.fromkeys(("INT", "IFR"), ("a measured surface error cannot be carried", SAVE_WITHOUT_IT)),
+        **dict.fromkeys(("GL1", "GL2"), ("media of non-sequential surfaces cannot be carried", SAVE_WITHOUT_IT)),
+        "NSS": ("non-sequential surfaces cannot be carried", SAVE_WITHOUT_IT),
+        **dict.fromkeys(("INS", "DEL"), ("commands that change the list of surfaces are not followed", "save the lens in CODE V, and convert that file")),
+        **dict.fromkeys(("IN", "RES", "IF", "ELS", "FOR", "WHI", "UNT", "LCL", "GBL", "NUM", "STR", "EVA", "FCT", "RTN", "GOT"),
+                        ("the file is a program, not a lens", "run it in CODE V, and save the lens")),
     })
 
 #: Commands of fields, and what kind of field each states.
 _FIELD_TYPES = {"XAN": "angle", "YAN": "angle", "XOB": "object_height", "YOB": "object_height", "XIM": "paraxial_image_height",
                 "YIM": "paraxial_image_height", "XRI": "real_image_height", "YRI": "real_image_height"}
 _APERTURE_KINDS = ("CLR", "OBS", "EDG", "HOL")
-_ENDLESS = 1e6
 #: Decenters along x, y and z, and tilts about them.
 _DECENTERS = ("XDE", "YDE", "ZDE", "ADE", "BDE", "CDE")
 
@@ -162,24 +153,19 @@ class _Reader:
         self.stop: tuple[Card, int] | None = None
         self.private: dict[str, tuple[Card, list[float], list[float]]] = {}
         self.private_lines: list[float] = []
-        self.unit = 1.0
+
+    @property
+    def unit(self) -> float:
+        return self.reading.unit
 
     def system(self, text: str) -> System:
         self._collect(text)
         found = System()
         dim, title, radius = (self.header.get(name) for name in ("DIM", "TIT", "RDM"))
-        if dim is None:
-            self.reading.remarks.append(f"{self.reading.path.name}: no unit (DIM) is stated: lengths are taken as mm")
-        elif not dim.words or dim.words[0].upper() not in UNITS:
-            dim.broken(f"the unit {' '.join(dim.words[:1])!r} is unknown; write M, C or I")
-        else:
-            self.unit = UNITS[dim.words[0].upper()]
-            self.reading.unit = self.unit
-            if self.unit != 1.0:
-                self.reading.remark(dim, f"lengths are multiplied by {self.unit:g}, since a scene is in mm")
+        self.reading.read_unit("DIM", dim, UNITS, "M, C or I")
         found.name = _bare(" ".join(title.words)) or None if title is not None else None
         if not self.surfaces:
-            raise UsageError(f"{self.reading.path.name}: cannot read it as a lens of CODE V: no line begins with S, SO or SI")
+            self.reading.broken("cannot read it as a lens of CODE V: no line begins with S, SO or SI")
         self._add_ends()
         self._fields(found)
         self._wavelengths(found)
@@ -214,7 +200,7 @@ class _Reader:
             else:
                 self._command(card)
         if in_private:
-            raise UsageError(f"{self.reading.path.name}: the private catalogue (PRV) has no END")
+            self.reading.broken("the private catalogue (PRV) has no END")
 
     def _private(self, card: Card) -> None:
         if not card.words:
@@ -319,7 +305,7 @@ class _Reader:
     def _add_ends(self) -> None:
         """Add an object or an image where the file has none."""
         if self.surfaces[0].kind != "SO":
-            self.reading.remarks.append(f"{self.reading.path.name}: there is no object (SO): it is taken as far away")
+            self.reading.remark(None, "there is no object (SO): it is taken as far away")
             self.surfaces.insert(0, _Given(self.surfaces[0].start, "SO", 0.0, INFINITE))
             self.stop = (self.stop[0], self.stop[1] + 1) if self.stop is not None else None
         if self.surfaces[-1].kind != "SI":
@@ -337,8 +323,8 @@ class _Reader:
             raise UnsupportedSceneError(f"{self.reading.path.name}: RDM is not stated, and the first number of an S line may be a radius or a "
                                         "curvature; write RDM (radii) or RDM N (curvatures) before the first surface")
         what, other = ("a radius", "a curvature") if radii else ("a curvature", "a radius")
-        self.reading.remarks.append(f"{self.reading.path.name}: RDM is not stated: the first number of an S line is taken for "
-                                    f"{what}. Taken for {other}, a surface would be too small: its radius would be below {least:.3g}")
+        self.reading.remark(None, "RDM is not stated: the first number of an S line is taken for "
+                            f"{what}. Taken for {other}, a surface would be too small: its radius would be below {least:.3g}")
         return curvatures
 
     # The light
@@ -389,7 +375,7 @@ class _Reader:
         if values and not 0 <= found.primary < len(values):
             reference.broken(f"wavelength {found.primary + 1} is the reference, but there are {len(values)}")
         if reference is None and len(values) > 1:
-            self.reading.remarks.append(f"{self.reading.path.name}: no reference wavelength (REF) is stated: {values[found.primary]:g} nm is taken")
+            self.reading.remark(None, f"no reference wavelength (REF) is stated: {values[found.primary]:g} nm is taken")
 
     def _aperture(self, found: System) -> None:
         card = found.aperture_card = self.aperture
@@ -455,10 +441,9 @@ class _Reader:
         return surface.position + behind @ step, behind
 
     def _set_stop(self, found: System) -> None:
-        name = self.reading.path.name
         index = 1
         if self.stop is None:
-            self.reading.remarks.append(f"{name}: no surface is the stop (STO): surface 1 is taken")
+            self.reading.remark(None, "no surface is the stop (STO): surface 1 is taken")
         else:
             card, index = self.stop
             if index == 0 or index == len(self.surfaces) - 1 and len(self.surfaces) > 2:
@@ -470,10 +455,10 @@ class _Reader:
         if np.abs(stop.position[:2]).max() > 1e-12 or abs(stop.rotation[2, 2] - 1.0) > 1e-12:
             # A paraxial pupil knows no tilts and decenters.
             found.aims_at_stop = True
-            self.reading.remarks.append(f"{name}: the stop is off the axis, or tilted: rays are aimed at it")
+            self.reading.remark(None, "the stop is off the axis, or tilted: rays are aimed at it")
         elif index > 1 and any(field.x or field.y for field in found.fields):
-            self.reading.remarks.append(f"{name}: rays are aimed at the paraxial pupil; in CODE V the chief ray of a field goes through the middle of the "
-                                        "stop itself")
+            self.reading.remark(None, "rays are aimed at the paraxial pupil; in CODE V the chief ray of a field goes through the middle of the "
+                                "stop itself")
 
     def _number(self, given: _Given, name: str) -> float:
         return given.cards[name].number(0) if name in given.cards else 0.0
@@ -541,7 +526,7 @@ class _Reader:
         model = self._model(card, token)
         if model is not None:
             nd, vd = model
-            if vd and vd < 1e4:
+            if glasses.has_dispersion(vd):
                 self.reading.remark(card, f"the glass {token} is taken as nd = {nd:.6g}, Vd = {vd:.5g}, and Optiland's model of Buchdahl")
             return glasses.model(nd, vd)
         name, _, catalogue = token.rpartition("_")
@@ -556,8 +541,8 @@ class _Reader:
         elif re.fullmatch(r"\d{3,}\.\d+", token):
             whole, part = token.split(".")
             nd, vd = 1.0 + int(whole) / 10.0 ** len(whole), 100.0 * float(f"0.{part}")
-        elif re.fullmatch(r"\d{6}", token):
-            nd, vd = 1.0 + int(token[:3]) / 1000.0, int(token[3:]) / 10.0
+        elif (numbers := glasses.numbers_of_code(token)) is not None:
+            nd, vd = numbers
         else:
             return None
         if not 1.0 < nd < 10.0:
@@ -612,7 +597,7 @@ class _Reader:
                     card.refuse("a hole through glass cannot be carried", "remove it, or write an obscuration (OBS)")
                 if type(hole) is not RadialAperture:
                     card.refuse("a hole that is no disk about the axis cannot be carried", "write CIR HOL, or an obscuration (OBS)")
-                opening = both(opening, disk(_ENDLESS, float(hole.r_max)))
+                opening = both(opening, disk(ENDLESS, float(hole.r_max)))
             elif key[0] == "OBS":
                 opening = both(opening, all_but(self._region(sizes[key])))
         return opening
@@ -636,7 +621,7 @@ class _Reader:
         else:
             x, y, turn = length("ADX"), length("ADY"), cards["ARO"].number(0) if "ARO" in cards else 0.0
             names = {"circle": ("CIR",), "rectangle": ("REX", "REY"), "ellipse": ("ELX", "ELY")}[family]
-            half = [length(name) if name in cards else _ENDLESS for name in names]
+            half = [length(name) if name in cards else ENDLESS for name in names]
         if turn and family != "circle":
             cards[general or "ARO"].refuse("the sense in which an aperture is turned is not known here", "write it without a turn")
         if not min(half) > 0.0:

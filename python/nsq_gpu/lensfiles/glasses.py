@@ -49,9 +49,8 @@ _OTHERS = {
 _FIRST = ("schott", "hikari")
 #: What the report calls the source of these.
 _NO_CATALOGUE = "refractiveindex.info"
-#: Catalogues of lens programs under another name than refractiveindex.info's.
-_CATALOGUES = {"SCHOTT": "schott", "OHARA": "ohara", "HOYA": "hoya", "CDGM": "cdgm", "HIKARI": "hikari", "SUMITA": "sumita",
-               "LZOS": "lzos", "BARBERINI": "barberini", "NIKON": "hikari", "RPO": "rpo", "AMI": "ami"}
+#: Catalogues of lens programs that refractiveindex.info has under another name.
+_CATALOGUES = {"nikon": "hikari"}
 #: Where Optiland has its catalogue.
 _DATA = Path(str(resources.files("optiland.database"))) / "data-nk"
 
@@ -98,9 +97,19 @@ def _abbe(material: Any) -> float:
     return (index_of(material, LINE_D) - 1.0) / spread if spread else math.inf
 
 
+def has_dispersion(vd: float) -> bool:
+    """Tell whether an index of that Abbe number is not constant; 0, and 10,000 and more, are no dispersion."""
+    return vd != 0.0 and vd < _NO_DISPERSION
+
+
 def model(nd: float, vd: float) -> Any:
-    """Return a glass of an index at line d and an Abbe number; 0, and 10,000 and more, are no dispersion."""
-    return IdealMaterial(nd) if vd == 0.0 or vd >= _NO_DISPERSION else AbbeMaterial(nd, vd, model="buchdahl")
+    """Return a glass of an index at line d and an Abbe number."""
+    return AbbeMaterial(nd, vd, model="buchdahl") if has_dispersion(vd) else IdealMaterial(nd)
+
+
+def numbers_of_code(word: str) -> tuple[float, float] | None:
+    """Return nd and Vd of a six-digit code, and None of another word: 517642 has 1.517 and 64.2 (MIL-G-174)."""
+    return (1.0 + int(word[:3]) / 1000.0, int(word[3:]) / 10.0) if re.fullmatch(r"\d{6}", word) else None
 
 
 def find(reading: Reading, card: Card, name: str, catalogues: Sequence[str] = (), nd: float = 0.0, vd: float = 0.0) -> Any:
@@ -117,10 +126,9 @@ def find(reading: Reading, card: Card, name: str, catalogues: Sequence[str] = ()
     Raises:
         UnsupportedSceneError: No catalogue has the glass, or it has another index there.
     """
-    given = {plain(key): value for key, value in reading.glasses.items()}
-    if plain(name) in given:
+    if plain(name) in reading.glasses:
         reading.glasses_found[name] = "as given"
-        return given[plain(name)]
+        return reading.glasses[plain(name)]
     is_stated = nd > 1.0 and (nd, vd) not in _PLACEHOLDERS
     candidates, remark = _candidates(name, catalogues)
     if not candidates:
@@ -180,7 +188,7 @@ def _found(reading: Reading, card: Card, name: str, entry: _Entry, material: Any
 
 
 def _catalogue(name: str) -> str:
-    return _CATALOGUES.get(name.upper(), name.lower())
+    return _CATALOGUES.get(name.lower(), name.lower())
 
 
 def _candidates(name: str, catalogues: Sequence[str]) -> tuple[list[tuple[_Entry, Any]], str]:

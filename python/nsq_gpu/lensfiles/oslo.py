@@ -20,9 +20,7 @@ from optiland.fileio.oslo.syntax import tokenize
 
 from nsq_gpu.errors import NsqGpuError, UsageError
 from nsq_gpu.lensfiles import glasses
-from nsq_gpu.lensfiles.cards import Card, Fate, Reading, number_of, table
-
-_SAVE = "save the lens without it, or trace it in the program that wrote it"
+from nsq_gpu.lensfiles.cards import SAVE_WITHOUT_IT, Card, Fate, Reading, number_of, table
 
 #: Cards before END.
 CARDS = table(
@@ -32,18 +30,15 @@ CARDS = table(
     no_light="DES NOT SNO TCE DRW LDP CBK ELMDF1 ELMDF2 BDI BDD VX PF LMN LME",
     remarked={},
     refused={
-        "APN": ("special apertures cannot be carried", "write a circular aperture (AP CHK)"),
-        "ATP": ("special apertures cannot be carried", "write a circular aperture (AP CHK)"),
-        "DFR": ("a diffractive surface has no place in a scene", _SAVE),
-        "DOE": ("a diffractive surface has no place in a scene", _SAVE),
-        "HOR": ("a hologram has no place in a scene", _SAVE),
-        "GSP": ("a grating has no place in a scene", _SAVE),
-        "GOR": ("a grating has no place in a scene", _SAVE, lambda card: card.is_zero),
-        "PFL": ("a perfect lens has no glass that light could meet", _SAVE),
-        "PFM": ("a perfect lens has no glass that light could meet", _SAVE),
-        "GRC": ("a gradient index cannot be carried", _SAVE),
-        "GDT": ("a gradient index cannot be carried", _SAVE),
-        "ARY": ("arrays of lenses cannot be carried", _SAVE),
+        **dict.fromkeys(("APN", "ATP"), ("special apertures cannot be carried", "write a circular aperture (AP CHK)")),
+        "DFR": ("a diffractive surface has no place in a scene", SAVE_WITHOUT_IT),
+        "DOE": ("a diffractive surface has no place in a scene", SAVE_WITHOUT_IT),
+        "HOR": ("a hologram has no place in a scene", SAVE_WITHOUT_IT),
+        "GSP": ("a grating has no place in a scene", SAVE_WITHOUT_IT),
+        "GOR": ("a grating has no place in a scene", SAVE_WITHOUT_IT, lambda card: card.is_zero),
+        **dict.fromkeys(("PFL", "PFM"), ("a perfect lens has no glass that light could meet", SAVE_WITHOUT_IT)),
+        **dict.fromkeys(("GRC", "GDT"), ("a gradient index cannot be carried", SAVE_WITHOUT_IT)),
+        "ARY": ("arrays of lenses cannot be carried", SAVE_WITHOUT_IT),
         "COT": ("coatings of OSLO's table are not known here", "remove it, and give a coating to the scene's component"),
     })
 #: What Optiland's reader leaves out and only remarks: other configurations than the first.
@@ -77,30 +72,29 @@ def read(text: str, reading: Reading) -> Any:
         os.unlink(path)
     for index, surface in enumerate(optic.surfaces.surfaces[1:], start=1):
         if not np.isfinite(be.to_numpy(surface.geometry.cs.z)).all():
-            raise UsageError(f"{reading.path.name}: cannot read it as a lens of OSLO: the thickness before surface {index} is infinite; only the object's "
-                             "may be")
+            reading.broken(f"cannot read it as a lens of OSLO: the thickness before surface {index} is infinite; only the object's "
+                           "may be")
     reading.remarks += sorted({str(warning.message).replace(path, reading.path.name) for warning in heard
                                if "import may be incomplete" not in str(warning.message)})
     if data.units != 1.0:
-        reading.remarks.append(f"{reading.path.name}: lengths are multiplied by {data.units:g} (UNI), since a scene is in mm")
+        reading.remark(None, f"lengths are multiplied by {data.units:g} (UNI), since a scene is in mm")
     for surface, what in ((optic.surfaces.surfaces[0], "object"), (optic.surfaces.surfaces[-1], "image")):
         if surface.aperture is not None:
-            reading.remarks.append(f"{reading.path.name}: the {what}'s aperture was left out")
+            reading.remark(None, f"the {what}'s aperture was left out")
             surface.aperture = None
     return optic
 
 
 def _check_light(data: Any, reading: Reading) -> None:
     """Refuse a file without an aperture; say what else the file leaves to the reader."""
-    name = reading.path.name
     if not data.aperture:
-        raise UsageError(f"{name}: cannot read it as a lens of OSLO: it states no aperture, such as EBR")
+        reading.broken("cannot read it as a lens of OSLO: it states no aperture, such as EBR")
     if not data.fields:
-        reading.remarks.append(f"{name}: no field is stated: light comes along the axis")
+        reading.remark(None, "no field is stated: light comes along the axis")
     elif "points" not in data.fields:
-        reading.remarks.append(f"{name}: the file states the largest field alone; fields at 0, 0.7 and 1 times that are traced")
+        reading.remark(None, "the file states the largest field alone; fields at 0, 0.7 and 1 times that are traced")
     if not any("AST" in surface for surface in data.surfaces.values()):
-        reading.remarks.append(f"{name}: no surface is the stop (AST): surface 1 is taken")
+        reading.remark(None, "no surface is the stop (AST): surface 1 is taken")
 
 
 def _check_left_out(data: Any, reading: Reading) -> None:
@@ -154,7 +148,7 @@ def _check(text: str, reading: Reading) -> dict[str, Card]:
             elif name in ("GLA", "GLF"):
                 _check_glass(card, named)
     if not has_lines:
-        reading.remarks.append(f"{reading.path.name}: no wavelength (WV) is stated: OSLO's own are taken")
+        reading.remark(None, "no wavelength (WV) is stated: OSLO's own are taken")
     return named
 
 

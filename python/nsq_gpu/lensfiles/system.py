@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import optiland.backend as be
 from optiland.fields import Field
 from optiland.optic import Optic
 from optiland.physical_apertures import (
@@ -21,14 +20,13 @@ from optiland.physical_apertures import (
 )
 from optiland.physical_apertures.base import BaseAperture
 
-from nsq_gpu.errors import UsageError
+from nsq_gpu.frames import angles_of, number_of
 from nsq_gpu.lensfiles.cards import Card, Reading
 from nsq_gpu.lensfiles.glasses import index_of
+from nsq_gpu.shapes import ENDLESS
 
 #: A distance beyond that is infinite, in units of the file.
 INFINITE = 1e10
-#: An aperture of that size leaves nothing out [mm].
-_ENDLESS = 1e6
 
 
 @dataclass(eq=False)
@@ -110,14 +108,13 @@ class System:
 
     def check(self, reading: Reading) -> None:
         """Refuse an incomplete lens; leave out apertures and coatings of the object and the image."""
-        reading_name = reading.path.name
         if len(self.surfaces) < 3:
-            raise UsageError(f"{reading_name}: cannot read it as a lens: there are {len(self.surfaces)} surfaces; an object, a face and "
-                             "an image are the fewest")
+            reading.broken(f"cannot read it as a lens: there are {len(self.surfaces)} surfaces; an object, a face and "
+                           "an image are the fewest")
         if not self.wavelengths:
-            raise UsageError(f"{reading_name}: cannot read it as a lens: it states no wavelength")
+            reading.broken("cannot read it as a lens: it states no wavelength")
         if self.aperture_card is None:
-            raise UsageError(f"{reading_name}: cannot read it as a lens: it states no aperture, such as the diameter of the pupil")
+            reading.broken("cannot read it as a lens: it states no aperture, such as the diameter of the pupil")
         for one in self.surfaces:
             if not (math.isfinite(one.thickness) or one is self.surfaces[0]):
                 one.card.broken("its thickness is infinite; only the object's may be")
@@ -131,8 +128,8 @@ class System:
         for index, one in enumerate(self.fields):
             for other in self.fields[:index]:
                 if (one.x, one.y) == (other.x, other.y) and (one.compress, one.decenter) != (other.compress, other.decenter):
-                    raise UsageError(f"{reading_name}: cannot read it as a lens: field {index + 1} is in the place of an earlier one, with other "
-                                     "vignetting factors; move one of them a little")
+                    reading.broken(f"cannot read it as a lens: field {index + 1} is in the place of an earlier one, with other "
+                                   "vignetting factors; move one of them a little")
         image = self.surfaces[-1]
         if image.aperture is not None or image.coating is not None:
             reading.remark(image.card, "the image's aperture or coating was left out: its detector takes all light")
@@ -146,7 +143,7 @@ class System:
         optic = Optic(self.name)
         for index, given in enumerate(self.surfaces):
             distance = float(given.position[2])
-            pose = dict(zip(("x", "y", "z", "rx", "ry", "rz"), (*given.position[:2], distance, *_angles(given.rotation)), strict=True))
+            pose = dict(zip(("x", "y", "z", "rx", "ry", "rz"), (*given.position[:2], distance, *angles_of(given.rotation)), strict=True))
             optic.surfaces.add(index=index, surface_type=given.shape, comment=given.comment, material=given.material,
                                is_stop=given.is_stop, aperture=given.aperture, coating=given.coating,
                                **{key: float(value) for key, value in pose.items()}, **given.numbers)
@@ -192,7 +189,7 @@ class System:
 
         def index(place: int) -> float:
             material = optic.surfaces.surfaces[place].material_pre if place else optic.surfaces.surfaces[0].material_post
-            return _number(material.n(optic.primary_wavelength))
+            return number_of(material.n(optic.primary_wavelength))
 
         if kind == "EPD":
             return "EPD", value
@@ -208,21 +205,9 @@ class System:
         aperture = 0.5 / value if kind == "working_fno" else value
         optic.set_aperture("EPD", 1.0)
         if is_far:
-            return "EPD", self._finite(2.0 * abs(_number(optic.paraxial.f2())) * aperture / index(-1))
-        at_object = self._finite(abs(_number(optic.paraxial.magnification())) * aperture)
+            return "EPD", self._finite(2.0 * abs(number_of(optic.paraxial.f2())) * aperture / index(-1))
+        at_object = self._finite(abs(number_of(optic.paraxial.magnification())) * aperture)
         return "objectNA", index(0) * math.sin(math.atan(at_object / index(0))) if kind == "working_fno" else at_object
-
-
-def _angles(rotation: np.ndarray) -> tuple[float, float, float]:
-    """Return Optiland's angles of a frame [rad], the inverse of R = Rz Ry Rx."""
-    from nsq_gpu.convert.prescription import frame
-
-    cs = frame(np.zeros(3), rotation)
-    return _number(cs.rx), _number(cs.ry), _number(cs.rz)
-
-
-def _number(value: Any) -> float:
-    return float(np.squeeze(be.to_numpy(value)))
 
 
 def rotation_about(axis: int, degrees: float) -> np.ndarray:
@@ -269,7 +254,7 @@ def ellipse(half_x: float, half_y: float, x: float = 0.0, y: float = 0.0) -> Bas
 
 def all_but(obstacle: BaseAperture) -> BaseAperture:
     """Return everything beside an obstacle."""
-    return DifferenceAperture(RadialAperture(r_max=_ENDLESS), obstacle)
+    return DifferenceAperture(RadialAperture(r_max=ENDLESS), obstacle)
 
 
 def both(one: BaseAperture | None, other: BaseAperture | None) -> BaseAperture | None:

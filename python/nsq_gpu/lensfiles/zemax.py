@@ -8,22 +8,19 @@ from rayoptics, which reads such files as well. Where these do not settle the me
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Iterator
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from optiland.coatings import SimpleCoating
 
-from nsq_gpu.errors import UsageError
 from nsq_gpu.lensfiles import glasses
-from nsq_gpu.lensfiles.cards import Card, Fate, Reading, decode, one, table
+from nsq_gpu.lensfiles.cards import SAVE_WITHOUT_IT, Card, Fate, Reading, decode, one, table
 from nsq_gpu.lensfiles.system import INFINITE, FileField, FileSurface, System, all_but, disk, ellipse, rectangle, tilted
 
 #: mm a unit.
 UNITS = {"MM": 1.0, "CM": 10.0, "IN": 25.4, "INCH": 25.4, "INCHES": 25.4, "METER": 1000.0, "M": 1000.0}
-_REFRACTS = "save the lens without it, or trace it in the program that wrote it"
 
 #: Cards before the first surface.
 HEADER = table(
@@ -38,8 +35,8 @@ HEADER = table(
         "POLS": ("the light's polarisation was left out: rays of a scene carry none", lambda card: card.words[:7] == tuple("1010010")),
     },
     refused={
-        "VANN": ("vignetting that turns the pupil (its tangent angle) cannot be carried", "set it to 0", lambda card: card.is_zero),
-        "ZVAN": ("vignetting that turns the pupil (its tangent angle) cannot be carried", "set it to 0", lambda card: card.is_zero),
+        **dict.fromkeys(("VANN", "ZVAN"), ("vignetting that turns the pupil (its tangent angle) cannot be carried", "set it to 0",
+                                           lambda card: card.is_zero)),
         "PUPD": ("the pupil's definition in this file is not known here", "save the file by a newer version"),
         "CONF": ("configurations are not known here", "save one configuration as a file of its own"),
         "WAVN": ("wavelengths in this form are not known here", "save the file by a newer version, which writes WAVM"),
@@ -52,16 +49,12 @@ SURFACE = table(
     no_light="FIMP SSID LUID HIDE MIRR SLAB POPS MEMA OEMA PPAR PZUP CRVP MAZH MAZA CHHT CHAN TCOM TOLE EDGE VCON VPAR VDSZ PKUP TCMM",
     remarked={},
     refused={
-        "UDAP": ("an aperture from a file of the user cannot be carried", "use an aperture of the program's own"),
-        "UDAD": ("an aperture from a file of the user cannot be carried", "use an aperture of the program's own"),
-        "UDAO": ("an aperture from a file of the user cannot be carried", "use an aperture of the program's own"),
-        "USAP": ("an aperture from a file of the user cannot be carried", "use an aperture of the program's own"),
+        **dict.fromkeys(("UDAP", "UDAD", "UDAO", "USAP"), ("an aperture from a file of the user cannot be carried", "use an aperture of the program's own")),
         "SCBD": ("the surface's own tilt and decenter cannot be carried", "replace them by coordinate breaks",
                  lambda card: not any(card.numbers()[1:]) and card.number(0) == 1.0),
-        "GDAT": ("a surface of a grid cannot be carried", _REFRACTS),
-        "GARR": ("a surface of a grid cannot be carried", _REFRACTS),
+        **dict.fromkeys(("GDAT", "GARR"), ("a surface of a grid cannot be carried", SAVE_WITHOUT_IT)),
         "SCAT": ("scattering of a surface cannot be carried", "remove it, and give a BSDF to the scene's component"),
-        "NSCO": ("objects of the non-sequential mode cannot be carried", _REFRACTS),
+        "NSCO": ("objects of the non-sequential mode cannot be carried", SAVE_WITHOUT_IT),
     })
 
 # Notes and the like may stand anywhere.
@@ -71,10 +64,10 @@ SURFACE |= {name: rule for name, rule in HEADER.items() if rule.fate is Fate.NO_
 _TYPES = {"STANDARD": "standard", "EVENASPH": "even_asphere", "ODDASPHE": "odd_asphere", "XASPHERE": "even_asphere",
           "XOSPHERE": "odd_asphere", "TOROIDAL": "toroidal", "BICONICX": "biconic", "XPOLYNOM": "polynomial"}
 #: Other types, by what they are.
-_REFUSED_TYPES = {"PARAXIAL": "a paraxial (perfect) lens has no glass that light could meet", "DGRATING": "a grating has no place in a scene",
-                  "EGRATING": "a grating has no place in a scene", "VGRATING": "a grating has no place in a scene",
-                  "BINARY_1": "a diffractive surface has no place in a scene", "BINARY_2": "a diffractive surface has no place in a scene",
-                  "HOLOGRM1": "a hologram has no place in a scene", "HOLOGRM2": "a hologram has no place in a scene",
+_REFUSED_TYPES = {"PARAXIAL": "a paraxial (perfect) lens has no glass that light could meet",
+                  **dict.fromkeys(("DGRATING", "EGRATING", "VGRATING"), "a grating has no place in a scene"),
+                  **dict.fromkeys(("BINARY_1", "BINARY_2"), "a diffractive surface has no place in a scene"),
+                  **dict.fromkeys(("HOLOGRM1", "HOLOGRM2"), "a hologram has no place in a scene"),
                   "NONSEQCO": "objects of the non-sequential mode cannot be carried"}
 #: Lists of the fields, by their cards and old names: weights, shifts and compressions of the pupil; and what stands in a missing list.
 _FIELD_LISTS = {("FWGN", "FWGT"): 1.0, ("VDXN", "ZVDX"): 0.0, ("VDYN", "ZVDY"): 0.0, ("VCXN", "ZVCX"): 0.0, ("VCYN", "ZVCY"): 0.0}
@@ -127,7 +120,7 @@ def _cards(text: str, reading: Reading) -> tuple[list[Card], list[tuple[Card, li
             # Cards of a surface are indented; what follows the last one is not: tolerances, operands, configurations.
             if any(name in rules and rules[name].fate is Fate.CARRIED for rules in (HEADER, SURFACE)):
                 reading.card(name, words[1:], line, None).broken("the card stands behind the last surface; move the card into the header, or indent "
-                                                                "the card under its surface")
+                                                                 "the card under its surface")
             trailer.append(reading.card(name, words[1:], line, None))
         else:
             indented = indented or row[0].isspace()
@@ -143,10 +136,13 @@ class _Reader:
 
     def __init__(self, reading: Reading, header: list[Card], surfaces: list[tuple[Card, list[Card]]]) -> None:
         self.reading, self.header, self.surfaces = reading, header, surfaces
-        self.unit = 1.0
         self.catalogues: tuple[str, ...] = ()
         #: What is before the surface that is read.
         self.medium: Any = "air"
+
+    @property
+    def unit(self) -> float:
+        return self.reading.unit
 
     def system(self) -> System:
         found = System()
@@ -154,18 +150,10 @@ class _Reader:
         if mode is not None and mode.words[:1] != ("SEQ",):
             mode.refuse(f"the mode {' '.join(mode.words)} cannot be carried", "save the lens in sequential mode")
         found.name = " ".join(name.words) or None if name is not None else None
-        if unit is None:
-            self.reading.remarks.append(f"{self.reading.path.name}: no unit (UNIT) is stated: lengths are taken as mm")
-        elif not unit.words or unit.words[0].upper() not in UNITS:
-            unit.broken(f"the unit {' '.join(unit.words[:1])!r} is unknown; write MM, CM, IN or METER")
-        else:
-            self.unit = UNITS[unit.words[0].upper()]
-            self.reading.unit = self.unit
-            if self.unit != 1.0:
-                self.reading.remark(unit, f"lengths are multiplied by {self.unit:g}, since a scene is in mm")
+        self.reading.read_unit("UNIT", unit, UNITS, "MM, CM, IN or METER")
         self.catalogues = catalogues.words if catalogues is not None else ()
         if not self.surfaces:
-            raise UsageError(f"{self.reading.path.name}: cannot read it as a lens of Zemax: no line begins with SURF")
+            self.reading.broken("cannot read it as a lens of Zemax: no line begins with SURF")
         self._surfaces(found)
         self._light(found)
         self._aperture(found)
@@ -278,10 +266,10 @@ class _Reader:
         slots: dict[int, tuple[float, float]] = {}
         cards: dict[int, Card] = {}
         if listed is not None:
-            heavy = weights.numbers() if weights is not None else []
-            if weights is not None and len(heavy) != len(listed.words):
+            heavy = weights.numbers() if weights is not None else [1.0] * len(listed.words)
+            if len(heavy) != len(listed.words):
                 weights.broken(f"{len(heavy)} weights stand for {len(listed.words)} wavelengths (WAVL)")
-            slots = {index + 1: (value, heavy[index] if index < len(heavy) else 1.0) for index, value in enumerate(listed.numbers())}
+            slots = {index + 1: (value, heavy[index]) for index, value in enumerate(listed.numbers())}
             cards = dict.fromkeys(slots, listed)
         for card in (card for card in self.header if card.name == "WAVM"):
             slot, value = card.whole(0), (card.number(1), card.number(2, 1.0))
@@ -339,8 +327,6 @@ class _Reader:
             if number == 0:
                 if one(own, "DISZ") is None:
                     start.broken("the object has no distance (DISZ)")
-                if surface.material == "mirror":
-                    start.broken("the object is a mirror; a surface behind it must be")
                 surface.position = np.array([0.0, 0.0, -thickness])
             else:
                 surface.position, surface.rotation = position, rotation
@@ -353,7 +339,7 @@ class _Reader:
         if stops and stops[0] in (found.surfaces[0], found.surfaces[-1]):
             stops[0].card.broken("the object or the image is the stop (STOP); another surface must be")
         if not stops:
-            self.reading.remarks.append(f"{self.reading.path.name}: no surface is the stop (STOP): surface 1 is taken")
+            self.reading.remark(None, "no surface is the stop (STOP): surface 1 is taken")
             if len(found.surfaces) > 1:
                 found.surfaces[1].is_stop = True
 
@@ -376,33 +362,27 @@ class _Reader:
         c = curvature.number(0) if curvature is not None else 0.0
         radius = self.unit / c if c else math.inf
         k = conic.number(0) if conic is not None else 0.0
-        parms, extra = self._parms(own), self._extra(own)
+        parms, extra = self._parms(own), self._indexed(own, "XDAT", "extra data value")
         found.shape, found.numbers = self._shape(own, name, radius, k, parms, extra)
         found.is_stop = one(own, "STOP") is not None
         found.material = self._material(own)
         found.aperture = self._surface_aperture(own, has_power=found.material == "mirror" or found.material is not self.medium)
         self.medium = found.material if found.material != "mirror" else self.medium
-        found.coating = self._coating(own)
+        found.coating = self._coating(own, is_mirror=found.material == "mirror")
         return found
 
     def _parms(self, own: list[Card]) -> dict[int, float]:
         """Return the parameters that are not 0."""
-        found: dict[int, float] = {}
-        for card in (card for card in own if card.name == "PARM"):
-            index, value = card.whole(0), card.number(1)
-            if index in found and found[index] != value:
-                card.broken(f"parameter {index} stands here a second time")
-            found[index] = value
         # Parameter 0 says how a form goes on beyond its norm.
-        return {index: value for index, value in found.items() if value != 0.0 and index != 0}
+        return {index: value for index, value in self._indexed(own, "PARM", "parameter").items() if value != 0.0 and index != 0}
 
-    def _extra(self, own: list[Card]) -> dict[int, float]:
-        """Return the extra data."""
+    def _indexed(self, own: list[Card], name: str, what: str) -> dict[int, float]:
+        """Return the numbers of cards of a name, such as PARM 1 0.5, by their index."""
         found: dict[int, float] = {}
-        for card in (card for card in own if card.name == "XDAT"):
+        for card in (card for card in own if card.name == name):
             index, value = card.whole(0), card.number(1)
             if index in found and found[index] != value:
-                card.broken(f"extra data {index} stand here a second time")
+                card.broken(f"{what} {index} stands here a second time")
             found[index] = value
         return found
 
@@ -501,8 +481,9 @@ class _Reader:
             card.refuse("an offset of a glass's nd or Vd cannot be carried", "set the offsets to 0, or write a model glass")
         if code not in (0, 1, 2, 4):
             card.refuse(f"the kind {code} of this glass is not known", "fix the glass")
-        if re.fullmatch(r"\d{6}", name):
-            nd, vd = 1.0 + int(name[:3]) / 1000.0, int(name[3:]) / 10.0
+        numbers = glasses.numbers_of_code(name)
+        if numbers is not None:
+            nd, vd = numbers
             self.reading.remark(card, f"the code {name} is taken as nd = {nd:.3f}, Vd = {vd:.1f}, and Optiland's model of Buchdahl")
             return glasses.model(nd, vd)
         return glasses.find(self.reading, card, name, self.catalogues, nd, vd)
@@ -529,10 +510,12 @@ class _Reader:
             card.broken(f"the radii {card.words[0]} and {card.words[1]} enclose nothing; the smaller one stands first")
         if card.name in ("SQAP", "SQOB", "ELAP", "ELOB") and not min(one_, other) > 0.0:
             card.broken(f"the half-widths are {card.words[0]} and {card.words[1]}; write numbers above 0")
-        shapes = {"CLAP": lambda: disk(other, one_, x, y), "FLAP": lambda: disk(other, 0.0, x, y), "OBSC": lambda: disk(other, one_, x, y),
-                  "SQAP": lambda: rectangle(one_, other, x, y), "SQOB": lambda: rectangle(one_, other, x, y),
-                  "ELAP": lambda: ellipse(one_, other, x, y), "ELOB": lambda: ellipse(one_, other, x, y)}
-        shape = shapes[card.name]()
+        if card.name in ("SQAP", "SQOB"):
+            shape = rectangle(one_, other, x, y)
+        elif card.name in ("ELAP", "ELOB"):
+            shape = ellipse(one_, other, x, y)
+        else:
+            shape = disk(other, 0.0 if card.name == "FLAP" else one_, x, y)
         return all_but(shape) if card.name in ("OBSC", "SQOB", "ELOB") else shape
 
     def _spider(self, card: Card, x: float, y: float) -> Any:
@@ -554,42 +537,37 @@ class _Reader:
 
     # Coatings
 
-    def _coating(self, own: list[Card]) -> Any:
+    def _coating(self, own: list[Card], *, is_mirror: bool) -> Any:
         card = one(own, "COAT")
         if card is None or not card.words or card.words[0].upper() in ("NONE", "NULL"):
             return None
         name = card.words[0]
-        given = {key.upper(): value for key, value in self.reading.coatings.items()}
-        if name.upper() in given:
-            return given[name.upper()]
-        ideal = self._ideal_coatings()
-        if name.upper() in ideal:
-            transmittance, reflectance = ideal[name.upper()]
-            return SimpleCoating(transmittance, reflectance)
-        is_mirror = any(other.name == "GLAS" and other.words[:1] and other.words[0].upper() == "MIRROR" for other in own)
+        if name.upper() in self.reading.coatings:
+            return self.reading.coatings[name.upper()]
+        if name.upper() in self._ideal_coatings:
+            return SimpleCoating(*self._ideal_coatings[name.upper()])
         does = "the mirror reflects all light" if is_mirror else "the face is bare, and reflects by Fresnel's law"
         self.reading.remark(card, f"the coating {name} is not at hand: {does}; give "
                             f'coatings={{"{name}": a coating of Optiland}}, or put the file of coatings beside the lens')
         return None
 
+    @cached_property
     def _ideal_coatings(self) -> dict[str, tuple[float, float]]:
         """Return T and R of the ideal coatings in the lens's file of coatings, where it lies beside the lens."""
         found: dict[str, tuple[float, float]] = {}
-        for path in self._coating_files():
-            for line, row in enumerate(decode(path).splitlines(), start=1):
-                words = row.split()
-                if words[:1] and words[0].upper() == "IDEAL":
-                    card = Card("IDEAL", tuple(words[1:]), f"{path.name}:{line}: IDEAL")
-                    transmittance, reflectance = card.number(1), card.number(2)
-                    if min(transmittance, reflectance) < 0.0 or transmittance + reflectance > 1.0 + 1e-9:
-                        card.broken(f"T = {transmittance:g} and R = {reflectance:g} are no shares of light: both are at least 0, and their sum at most 1")
-                    found[card.words[0].upper()] = (transmittance, reflectance)
+        path = self._coating_file()
+        for line, row in enumerate(decode(path).splitlines() if path is not None else [], start=1):
+            words = row.split()
+            if words[:1] and words[0].upper() == "IDEAL":
+                card = Card("IDEAL", tuple(words[1:]), f"{path.name}:{line}: IDEAL")
+                transmittance, reflectance = card.number(1), card.number(2)
+                if min(transmittance, reflectance) < 0.0 or transmittance + reflectance > 1.0 + 1e-9:
+                    card.broken(f"T = {transmittance:g} and R = {reflectance:g} are no shares of light: both are at least 0, and their sum at most 1")
+                found[card.words[0].upper()] = (transmittance, reflectance)
         return found
 
-    def _coating_files(self) -> Iterator[Path]:
-        for card in (card for card in self.header if card.name == "COFN"):
-            for word in card.words:
-                path = self.reading.path.parent / word.strip('"')
-                if word.strip('"').upper().endswith(".DAT") and path.is_file():
-                    yield path
-                    return
+    def _coating_file(self) -> Path | None:
+        """Return the first file of coatings that the header names and that lies beside the lens."""
+        words = [word.strip('"') for card in self.header if card.name == "COFN" for word in card.words]
+        paths = (self.reading.path.parent / word for word in words if word.upper().endswith(".DAT"))
+        return next((path for path in paths if path.is_file()), None)
