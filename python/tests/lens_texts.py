@@ -248,6 +248,7 @@ ZEMAX = [
     Example("GLAS", zmx(face=["GLAS SF6 0 0 1.80518 25.43"], without="GCAT"), lambda r: near(r.index(), 1.80518, 1e-5)),
     Example("GLAS", zmx(face=["GLAS ___BLANK 1 0 1.6 50 0"]), lambda r: near(r.index(), 1.6, 1e-6)),
     Example("GLAS", zmx(face=["GLAS ___BLANK 1 0 1.6 0 0"]), lambda r: r.index(1, 0.4) == r.index(1, 0.9) == 1.6),
+    Example("GLAS", zmx(face=["GLAS ___BLANK 1 0 1.6 20000 0"]), lambda r: r.index(1, 0.4) == r.index(1, 0.9) == 1.6 and "Buchdahl" not in str(r.reading.remarks)),
     Example("GLAS", zmx(face=["GLAS ___BLANK 1 0 1.6 50 0.1"]), remarked="dPgF"),
     Example("GLAS", zmx(face=["GLAS LUMICERAZ 0 0 1.5 40"]), refused="no catalogue has the glass LUMICERAZ; nearest names"),
     Example("GLAS", zmx(face=["GLAS N-BK7 0 0 1.7 64.17"]), refused="states nd = 1.7"),
@@ -270,6 +271,8 @@ ZEMAX = [
     Example("NSCO", zmx(face=["NSCO 1"]), refused="non-sequential"),
     Example("XYZW", zmx(face=["XYZW 1"]), refused="the card is unknown, and may change the light"),
     Example("DIAN", zmx(face=["DIAN 1"]), refused="did you mean DIAM"),
+    # VCON is as near, and says nothing of the light.
+    Example("CONY", zmx(face=["CONY -1"]), refused="did you mean CONI"),
     # Shapes
     Example("TYPE", typed("STANDARD", conic=-1.2), lambda r: near(r.sag(3.0, 4.0), conic(5.0, 50.0, -1.2))),
     Example("PARM", typed("EVENASPH", "PARM 1 1e-4", "PARM 2 -2e-6", "PARM 8 1e-17", conic=-0.5),

@@ -191,8 +191,8 @@ class Reading:
         """
         rule = rules.get(card.name)
         if rule is None:
-            near = difflib.get_close_matches(card.name, rules, 1)
-            hint = f" (did you mean {near[0]}?)" if near else ""
+            near = _nearest(card.name, rules)
+            hint = f" (did you mean {near}?)" if near else ""
             if in_surface and self.unknown != "remark":
                 card.refuse(f"the card is unknown, and may change the light{hint}", 'remove it, or leave it out by unknown="remark" (--unknown remark)')
             self.remark(card, f"the card is unknown, and was left out{hint}")
@@ -206,6 +206,12 @@ class Reading:
         else:
             self.remark(card, rule.what)
         return False
+
+
+def _nearest(name: str, rules: Mapping[str, Rule]) -> str | None:
+    """Return the card whose name is nearest to a misspelt one; of those that are as near, one that is carried."""
+    return max(difflib.get_close_matches(name, rules, 5), default=None,
+               key=lambda known: (difflib.SequenceMatcher(None, known, name).ratio(), rules[known].fate is Fate.CARRIED))
 
 
 def one(cards: Iterable[Card], name: str) -> Card | None:

@@ -474,7 +474,7 @@ class _Reader:
             if card.number(5, 0.0) != 0.0:
                 self.reading.remark(card, f"a model glass of nd = {nd:.6g}, Vd = {vd:.5g}: its dPgF is left out, and dispersion is Optiland's "
                                     "model of Buchdahl")
-            elif vd != 0.0:
+            elif glasses.has_dispersion(vd):
                 self.reading.remark(card, f"a model glass of nd = {nd:.6g}, Vd = {vd:.5g}: dispersion is Optiland's model of Buchdahl")
             return glasses.model(nd, vd)
         if code == 4 and any(card.number(index, 0.0) for index in (9, 10)):
