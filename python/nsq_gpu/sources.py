@@ -16,6 +16,7 @@ from optiland.nonsequential.sources.base import Spectrum
 from optiland.nonsequential.sources.collimated import CollimatedSource
 
 from nsq_gpu.errors import UnsupportedSceneError, without_gradient
+from nsq_gpu.frames import placed
 
 
 class _NotCollimated:
@@ -107,8 +108,8 @@ class PupilSource(CollimatedSource):
         wavelength = self.spectrum.sample(ray_id, bounce, rng)
         pupil = np.stack([radius * np.cos(turn), radius * np.sin(turn)], axis=1)
         starts, directions = self.local_rays(pupil, np.asarray(be.to_numpy(wavelength), dtype=float))
-        translation, rotation = (be.to_numpy(part) for part in self.cs.get_effective_transform())
-        (x, y, z), (L, M, N) = (starts @ rotation.T + translation).T, (directions @ rotation.T).T
+        position, rotation = placed(self.cs)
+        (x, y, z), (L, M, N) = (starts @ rotation.T + position).T, (directions @ rotation.T).T
         n, k = _indices(self.medium, wavelength)
         return NSQRayBundle(x=x.copy(), y=y.copy(), z=z.copy(), L=L.copy(), M=M.copy(), N=N.copy(),
                             flux=be.ones(len(ray_id)) * (self.total_flux / len(ray_id)), wavelength=wavelength, n_current=n,
