@@ -58,6 +58,27 @@ class DeviceError(NsqGpuError):
 class TraceTimeoutError(NsqGpuError, TimeoutError):
     """The trace took longer than ``timeout`` and was ended."""
 
+    #: What was computed before, as the call would have returned it, with ``partial`` set; None where nothing was.
+    partial: Any = None
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C ended a call that had computed something.
+
+    >>> try:
+    ...     found = session.sweep(scene, {"L1.r1": radii}, 1_000_000)
+    ... except nsq_gpu.Interrupted as stop:
+    ...     found = stop.partial
+
+    Where nothing was computed yet, a plain KeyboardInterrupt is raised. In a notebook, ``sys.last_value.partial`` is what
+    the stopped cell had computed.
+    """
+
+    def __init__(self, partial: Any) -> None:
+        super().__init__("interrupted; what was computed is in the exception's `partial`")
+        #: What was computed, as the call would have returned it, with ``partial`` set.
+        self.partial = partial
+
 
 class BinaryNotFoundError(NsqGpuError, FileNotFoundError):
     """The program ``nsq-gpu`` is not where it was looked for."""
