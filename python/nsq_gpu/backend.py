@@ -23,6 +23,7 @@ from nsq_gpu.errors import (
     error_of,
 )
 from nsq_gpu.export import ExportedScene, export, export_wanted, to_json
+from nsq_gpu.export.values import whole_number
 from nsq_gpu.gradients import warn_of_lost
 from nsq_gpu.integrity import read_report
 from nsq_gpu.process import ProgressCallback, Shown, Update, run
@@ -176,7 +177,7 @@ class NsqGpuBackend(TracerBackend):
         backward = dict(options)
         backward.pop("standard_error", None)
         if self.backward_seed is not None:
-            backward["seed"] = _whole("backward_seed", self.backward_seed) % _SEEDS
+            backward["seed"] = whole_number("backward_seed", self.backward_seed) % _SEEDS
 
         def gradient(adjoints: dict[str, np.ndarray]) -> list[float]:
             answer = session.loss_gradient(text, backward, names, adjoints, timeout=self.timeout, name=EXPORTED)
@@ -193,10 +194,10 @@ class NsqGpuBackend(TracerBackend):
         seed = seed if seed is not None else self.seed
         max_depth = max_depth if self.max_depth is None else self.max_depth
         options = {
-            "num_rays": _whole("num_rays", num_rays),
+            "num_rays": whole_number("num_rays", num_rays),
             # Optiland keys its draws by the seed modulo 2^64.
-            "seed": _whole("seed", seed or 0) % _SEEDS,
-            "max_depth": _whole("max_depth", max_depth),
+            "seed": whole_number("seed", seed or 0) % _SEEDS,
+            "max_depth": whole_number("max_depth", max_depth),
             "min_flux_fraction": float(min_flux_fraction),
             "precision": self.precision,
             "sampler": self.sampler,
@@ -213,7 +214,7 @@ class NsqGpuBackend(TracerBackend):
         if self.where is not None:
             options["where"] = self.where
         if record_paths:
-            options["record_paths"] = "all" if record_paths is True else _whole("record_paths", record_paths)
+            options["record_paths"] = "all" if record_paths is True else whole_number("record_paths", record_paths)
         return options
 
     def _trace_in_session(self, binary: str, scene: NSQScene, exported: ExportedScene,
@@ -246,14 +247,3 @@ class NsqGpuBackend(TracerBackend):
             # The file is ours, and gone when the message is read.
             raise SceneError(str(error).replace(f"{scene_file}: ", "the exported scene: "), stderr=error.stderr) from None
         return str(error_of(code, said.splitlines()[-1])) if code == TOLERANCE_NOT_MET else None
-
-
-def _whole(name: str, number: float) -> int:
-    """Return a whole number, be it written as 1e6."""
-    try:
-        whole = int(number)
-    except (TypeError, ValueError, OverflowError):
-        whole = None
-    if whole is None or whole != number:
-        raise UsageError(f"{name} is {number!r}; give a whole number")
-    return whole

@@ -12,7 +12,7 @@ import numpy as np
 import optiland.backend as be
 from optiland.coordinate_system import CoordinateSystem
 
-from nsq_gpu.errors import UnsupportedSceneError, wants_gradient, without_gradient
+from nsq_gpu.errors import UnsupportedSceneError, UsageError, wants_gradient, without_gradient
 
 Json = dict[str, Any]
 
@@ -76,6 +76,21 @@ def radius(value: Any, place: str) -> float:
         raise refuse(place, "it is infinite: a flat face has no derivative by its radius",
                      "give a large radius, such as 1e6, or detach it")
     return 0.0 if math.isinf(plain) else number(plain, place)
+
+
+def whole_number(name: str, number: float) -> int:
+    """Return the whole number that an option was given, be it written as 1e6; what its least is, the program says.
+
+    Raises:
+        UsageError: It is no whole number.
+    """
+    try:
+        whole = int(number)
+    except (TypeError, ValueError, OverflowError):
+        whole = None
+    if whole is None or whole != number or isinstance(number, bool | np.bool_):
+        raise UsageError(f"{name} is {number!r}; give a whole number")
+    return whole
 
 
 def optional(value: Any, place: str) -> float | None:
