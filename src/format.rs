@@ -20,6 +20,16 @@ pub(crate) fn plain(text: &str) -> String {
     text.chars().map(escaped).collect()
 }
 
+/// A text as a cell of comma-separated values, quoted where RFC 4180 asks for it. An apostrophe comes before what a
+/// spreadsheet would run as a formula: a scene may come from anywhere.
+pub(crate) fn csv_text(text: &str) -> String {
+    let apostrophe = if text.starts_with(['=', '+', '-', '@', '\t', '\r', '\n']) { "'" } else { "" };
+    match text.contains([',', '"', '\n', '\r']) {
+        true => format!("\"{apostrophe}{}\"", text.replace('"', "\"\"")),
+        false => format!("{apostrophe}{text}"),
+    }
+}
+
 /// `value` with `digits` significant digits, without trailing zeros; in exponential form outside 1e-4 to 1e9.
 pub(crate) fn significant(value: f64, digits: usize) -> String {
     if value == 0.0 || !value.is_finite() {
@@ -98,6 +108,27 @@ pub(crate) fn si_prefix(value: f64) -> (f64, &'static str) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn no_cell_of_a_csv_is_a_formula_or_more_than_a_cell() {
+        for (text, cell) in [
+            ("", ""),
+            ("L1.front", "L1.front"),
+            ("a = b", "a = b"),
+            ("=1+1", "'=1+1"),
+            ("+1", "'+1"),
+            ("-1", "'-1"),
+            ("@SUM(A1)", "'@SUM(A1)"),
+            ("\t=1", "'\t=1"),
+            ("a,b", "\"a,b\""),
+            ("a\"b", "\"a\"\"b\""),
+            ("a\rb\n", "\"a\rb\n\""),
+            ("\r=1", "\"'\r=1\""),
+            ("=HYPERLINK(\"x\",\"y\")", "\"'=HYPERLINK(\"\"x\"\",\"\"y\"\")\""),
+        ] {
+            assert_eq!(csv_text(text), cell, "{text:?}");
+        }
+    }
 
     #[test]
     fn numbers_read_as_people_write_them() {

@@ -1,5 +1,6 @@
 //! Which path light took: a table with the strongest paths first.
 
+use crate::format::csv_text;
 use crate::model::path_filter::MOST_PARTS;
 use crate::model::sequence::{End, Sequence, Step, StepKind};
 use crate::model::surface_optics::splits;
@@ -318,10 +319,6 @@ impl PathTable {
              rms_radius_mm,peak_irradiance_W_mm2,sequence\n",
         );
         let number = |value: Option<f64>| value.map_or(String::new(), |value| format!("{value:e}"));
-        let quoted = |text: &str| match text.contains([',', '"', '\n']) {
-            true => format!("\"{}\"", text.replace('"', "\"\"")),
-            false => text.to_string(),
-        };
         for row in &self.paths {
             let fields = [
                 row.rank.to_string(),
@@ -331,12 +328,12 @@ impl PathTable {
                 row.num_rays.to_string(),
                 row.reflections.to_string(),
                 row.scatterings.to_string(),
-                quoted(row.detector.as_deref().unwrap_or_default()),
+                csv_text(row.detector.as_deref().unwrap_or_default()),
                 number(row.centroid.map(|[x, _]| x)),
                 number(row.centroid.map(|[_, y]| y)),
                 number(row.rms_radius),
                 number(row.peak_irradiance),
-                quoted(&row.sequence),
+                csv_text(&row.sequence),
             ];
             text += &(fields.join(",") + "\n");
         }
