@@ -74,8 +74,12 @@ impl Scratch {
     pub(crate) fn new_in(place: &Path, guard: &Path) -> io::Result<Scratch> {
         let lock = Lock::of(guard);
         step();
-        let folder = tempfile::Builder::new().prefix(PREFIX).rand_bytes(NUM_LETTERS).tempdir_in(place);
-        let folder = folder.map_err(own_word)?;
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(PREFIX).rand_bytes(NUM_LETTERS);
+        // The folder may stand beside one that nobody else may read.
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700));
+        let folder = builder.tempdir_in(place).map_err(own_word)?;
         let own_lock = File::open(folder.path()).ok().filter(|file| file.try_lock().is_ok());
         if lock.0.is_some() {
             let ours = folder.path().symlink_metadata()?;
@@ -243,20 +247,40 @@ pub(crate) fn exists(path: &Path) -> bool {
     path.symlink_metadata().is_ok()
 }
 
-/// Writes a file in one step: an existing file stays whole until then.
+/// Writes a file in one step: an existing file stays whole until then. The new file has the permissions of the old one.
 ///
 /// # Errors
 /// The system's error.
 pub(crate) fn replace_file(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let folder = folder_of(path);
-    let mut file = hidden_file(folder)?;
+    let file = filled_file(path, bytes)?;
+    if let Ok(old) = path.symlink_metadata() {
+        file.as_file().set_permissions(old.permissions())?;
+    }
+    step();
+    file.persist(path).map_err(|error| error.error)?;
+    sync_folder(folder_of(path));
+    Ok(())
+}
+
+/// Writes a new file in one step. Whatever has its name already stays.
+///
+/// # Errors
+/// The system's error; [`io::ErrorKind::AlreadyExists`] if the name is in use.
+pub(crate) fn new_file(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let file = filled_file(path, bytes)?;
+    step();
+    file.persist_noclobber(path).map_err(|error| own_word(error.error))?;
+    sync_folder(folder_of(path));
+    Ok(())
+}
+
+/// A hidden file beside `path`, with these contents.
+fn filled_file(path: &Path, bytes: &[u8]) -> io::Result<tempfile::NamedTempFile> {
+    let mut file = hidden_file(folder_of(path))?;
     step();
     file.write_all(bytes)?;
     file.as_file().sync_all()?;
-    step();
-    file.persist(path).map_err(|error| error.error)?;
-    sync_folder(folder);
-    Ok(())
+    Ok(file)
 }
 
 /// Checks that files can be made beside `path`, and removes what killed runs have left there.

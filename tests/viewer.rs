@@ -868,7 +868,7 @@ fn a_picture_needs_no_display_and_is_the_same_each_time() {
         return;
     }
     let dir = results("cooke_triplet", 0);
-    let draw = || screenshot::draw(&mut App::new(model(&dir)), (1000.0, 640.0), 1.0).unwrap();
+    let draw = || screenshot::draw(&mut App::new(model(&dir)), (1000.0, 640.0), 1.0, || false).unwrap();
     let picture = draw();
     assert_eq!(picture.size, [1000, 640]);
     assert_eq!(picture.rgba.len(), 4 * 1000 * 640);
@@ -917,17 +917,17 @@ fn the_main_views_look_as_they_were_reviewed() {
         let mut model = model(&results(scene, 0));
         model.title = scene.into();
         prepare(&mut model);
-        let picture = screenshot::draw(&mut App::new(model), (1100.0, 720.0), 0.5).unwrap();
+        let picture = screenshot::draw(&mut App::new(model), (1100.0, 720.0), 0.5, || false).unwrap();
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/snapshots/viewer_{name}.png"));
         if std::env::var_os("NSQ_GPU_UPDATE_SNAPSHOTS").is_some() {
-            picture.write(&path).unwrap();
+            std::fs::write(&path, picture.to_png().unwrap()).unwrap();
         }
         let reviewed = read_png(&path);
         assert_eq!(picture.rgba.len(), reviewed.len(), "{name} has another size");
         let share = differing(&picture.rgba, &reviewed);
         if share >= 0.01 {
             let found = std::env::temp_dir().join(format!("viewer_{name}.png"));
-            picture.write(&found).unwrap();
+            std::fs::write(&found, picture.to_png().unwrap()).unwrap();
             panic!(
                 "{:.1} % of the pixels differ from {}: see {}",
                 100.0 * share,

@@ -3,7 +3,7 @@
 use crate::cli::console::{choose_vectors, named, read_scene, say};
 use crate::cli::progress::{Mode, Progress, Status};
 use crate::cli::sweep::parse_number;
-use crate::cli::trace::{end_with_caller, stop_on_interrupt};
+use crate::cli::stops::{end_with_caller, stop_on_interrupt};
 use crate::cli::trace_args::{PathsArg, PrecisionArg, StandardErrorArg, TraceArgs};
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu};
@@ -112,6 +112,7 @@ pub fn run(args: &Args) -> Result<String> {
         let names = ir_a.detectors.iter().map(|detector| detector.name.as_str());
         output::check(dir, &difference::file_names(names, !args.no_pictures))?;
     }
+    let stop = stop_on_interrupt()?;
     let gpu = Gpu::open(&AdapterChoice::of_command(args.adapter.as_deref(), args.portable))?;
     let deepest = || pair.scenes().map(depth::of_scene).into_iter().max().unwrap_or(depth::OPTILANDS);
     let options = TraceOptions {
@@ -122,7 +123,6 @@ pub fn run(args: &Args) -> Result<String> {
     .tuned(&gpu.info);
     let choice = pair.choose_precision(&gpu, &options, args.trace.wanted())?;
     let options = TraceOptions { precision: choice.precision, ..options };
-    let stop = stop_on_interrupt()?;
     let mut shown = Progress::new(args.progress, 2 * options.num_rays);
     let start = Instant::now();
     let found = pair.difference(&gpu, &options, args.trace.filter.as_deref(), |[a, b]| {

@@ -12,12 +12,14 @@ mod console;
 mod diff;
 pub mod materials;
 mod merge;
+mod output_file;
 mod paths;
 mod progress;
 mod quantity;
 mod schema;
 mod serve;
 mod shader;
+mod stops;
 mod sweep;
 mod trace;
 mod trace_args;
@@ -130,12 +132,7 @@ fn quiet_drivers() {
 /// otherwise kill the process.
 fn ignore_file_size_signal() {
     #[cfg(unix)]
-    {
-        use nix::sys::signal::{SigHandler, Signal, signal};
-        // SAFETY: no handler is called.
-        #[allow(unsafe_code)]
-        let _ = unsafe { signal(Signal::SIGXFSZ, SigHandler::SigIgn) };
-    }
+    stops::ignore(nix::sys::signal::Signal::SIGXFSZ);
 }
 
 /// Removes clap's tip to write `-- --option`. An unknown option was misspelt, and hardly meant as a value.

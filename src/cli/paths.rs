@@ -2,7 +2,7 @@
 
 use crate::cli::console::{choose_vectors, read_scene, say};
 use crate::cli::progress::{Mode, Progress, Status};
-use crate::cli::trace::stop_on_interrupt;
+use crate::cli::stops::stop_on_interrupt;
 use crate::cli::trace_args::{PrecisionArg, SamplerArg, TraceArgs};
 use crate::count;
 use crate::error::{Error, Result};
@@ -132,6 +132,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     if let Some(dir) = &args.output {
         output::check_writable(dir)?;
     }
+    let stop = stop_on_interrupt()?;
     let gpu = Gpu::open(&AdapterChoice::of_command(args.adapter.as_deref(), args.portable))?;
     let options = TraceOptions {
         max_depth: args.trace.max_depth.unwrap_or_else(|| crate::model::depth::of_scene(&ir)),
@@ -150,7 +151,6 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     .tuned(&gpu.info);
     let choice = auto_precision::choose(&gpu, &ir, &options, args.trace.wanted())?;
     let options = TraceOptions { precision: choice.precision, ..options };
-    let stop = stop_on_interrupt()?;
     let mut tracer = Tracer::new(&gpu, &ir, &options)?;
     let mut stopping = Stopping::new(&ir, args.trace.target_error, args.trace.time_limit);
     let begun = tracer.empty_tally();

@@ -49,7 +49,9 @@ pub(crate) fn stop_on_interrupt() -> Result<Arc<AtomicBool>> {
     })
     .map_err(|e| Error::Internal(format!("no handler for Ctrl-C: {e}")))?;
     #[cfg(unix)]
-    ignored.into_iter().for_each(|signal| drop(ignore(signal)));
+    for signal in ignored {
+        ignore(signal);
+    }
     Ok(stop)
 }
 

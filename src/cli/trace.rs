@@ -3,6 +3,7 @@
 use crate::cli::console::{named, read_scene, say};
 use crate::cli::progress::{Mode, Progress, Status};
 use crate::cli::quantity;
+use crate::cli::stops::{end_with_caller, stop_on_interrupt};
 use crate::cli::trace_args::{PathsArg, PrecisionArg, StandardErrorArg, TraceArgs, wanted};
 use crate::count;
 use crate::error::{Error, Result};
@@ -19,7 +20,6 @@ use crate::trace::stopping::Stopping;
 use crate::trace::{self, RecordPaths, TraceOptions, Tracer};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{Scope, ScopedJoinHandle};
 use std::time::{Duration, Instant};
@@ -31,9 +31,13 @@ pub struct Args {
     scene: PathBuf,
     #[command(flatten)]
     trace: TraceArgs,
-    /// Write the sums so far to this file at intervals, and at the end.
+    /// Write the sums so far to this file at intervals, and at the end. Sums of another trace are replaced only with
+    /// --overwrite.
     #[arg(long, value_name = "FILE")]
     checkpoint: Option<PathBuf>,
+    /// Let --checkpoint replace the sums of another trace.
+    #[arg(long, requires = "checkpoint")]
+    overwrite: bool,
     /// Time between two checkpoints.
     #[arg(long, default_value = "30s", value_name = "TIME", value_parser = quantity::parse_time, requires = "checkpoint")]
     checkpoint_interval: Duration,
@@ -122,17 +126,21 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         end_with_caller();
     }
     args.trace.override_sampling(&mut ir)?;
-    if let Some(dir) = &args.output {
-        let names = ir.detectors.iter().map(|detector| detector.name.as_str());
-        let ray_paths = args.record_paths.is_some();
-        output::check(
-            dir,
-            &output::file_names(names, !args.no_pictures, ray_paths, args.trace.paths == PathsArg::On, true),
-        )?;
-    }
     if let Some(path) = &args.checkpoint {
         checkpoint::check_writable(path)?;
     }
+    if let Some(dir) = &args.output {
+        let names = ir.detectors.iter().map(|detector| detector.name.as_str());
+        let ray_paths = args.record_paths.is_some();
+        let names =
+            output::file_names(names, !args.no_pictures, ray_paths, args.trace.paths == PathsArg::On, true);
+        if let Some(path) = args.checkpoint.as_ref().filter(|path| is_one_of(path, dir, &names)) {
+            let problem = "is the name of a file of the result; name another file for --checkpoint";
+            return Err(Error::file(path, problem));
+        }
+        output::check(dir, &names)?;
+    }
+    let stop = stop_on_interrupt()?;
     let resumed = args.resume.as_deref().map(Checkpoint::read).transpose()?;
     let gpu = Gpu::open(&AdapterChoice::of_command(args.adapter.as_deref(), args.portable))?;
     let of_resumed = resumed.as_ref().map(|resumed| resumed.identity.max_depth);
@@ -149,8 +157,19 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         let identity = Identity::new(&ir, Some(args.scene.display().to_string()), &options, &gpu.info);
         let identity = if keeps_rows(args) { identity } else { identity.with_paths_apart() };
         let begun = resumed.map(|resumed| beginning(args, &identity, resumed)).transpose()?;
-        let run =
-            Run { args, start, scene: &scene, ir: &ir, gpu: &gpu, options: &options, identity: &identity };
+        let rays_in = |path: &PathBuf| checkpoint::rays_in(path, &identity, args.overwrite);
+        let rays_there = args.checkpoint.as_ref().map_or(Ok(0), rays_in)?;
+        let run = Run {
+            args,
+            start,
+            scene: &scene,
+            ir: &ir,
+            gpu: &gpu,
+            options: &options,
+            identity: &identity,
+            rays_there,
+            stop: &stop,
+        };
         let (result, tally, checkpointed) = trace(&run, choosing, begun)?;
         Ok::<_, Error>((result, tally, identity, checkpointed))
     })?;
@@ -158,6 +177,13 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     let sums = || Checkpoint { identity, tally }.to_bytes().map(Some);
     let printed = deliver(&result, sums, args.output.as_deref(), extras)?;
     ended(printed, checkpointed.err().or_else(|| failure(&result)))
+}
+
+/// True if a path is that of a file of one of these names in a folder.
+fn is_one_of(path: &Path, dir: &Path, names: &[String]) -> bool {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let is_there = folder.canonicalize().is_ok_and(|folder| dir.canonicalize().is_ok_and(|dir| dir == folder));
+    is_there && names.iter().any(|name| path.file_name() == Some(name.as_ref()))
 }
 
 /// Traces with derivatives by numbers of these names, writes the files, and returns the text for stdout.
@@ -187,12 +213,12 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
         files.insert(0, output::GRADIENTS.into());
         output::check(dir, &files)?;
     }
+    let stop = stop_on_interrupt()?;
     let gpu = Gpu::open(&AdapterChoice::of_command(args.adapter.as_deref(), args.portable))?;
     let max_depth = args.trace.max_depth.unwrap_or_else(|| crate::model::depth::of_scene(ir));
     let options = TraceOptions { max_depth, ..args.trace.options(ir)? }.tuned(&gpu.info);
     let choice = auto_precision::choose(&gpu, ir, &options, args.trace.wanted())?;
     let options = TraceOptions { precision: choice.precision, ..options };
-    let stop = stop_on_interrupt()?;
     let of_edges = if args.gradient_edges { 2 * names.len() as u64 } else { 0 };
     let num_rays = (differentiated.num_passes() + of_edges) * options.num_rays;
     let mut shown = Progress::new(args.progress, num_rays);
@@ -203,10 +229,9 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
     };
     let how = How { with_edges: args.gradient_edges, ..How::default() };
     let (mut gradients, tally) = differentiated.gradients(&gpu, &options, how, &mut keep_going)?;
-    let partial = tally.launched.count < options.num_rays;
     let missing: Vec<&String> =
         names.iter().filter(|name| gradients.iter().all(|row| row.parameter != **name)).collect();
-    let mut is_stopped = partial || !missing.is_empty();
+    let mut is_stopped = tally.launched.count < options.num_rays || !missing.is_empty();
     if args.gradient_edges && !is_stopped {
         let done = differentiated.num_passes() * options.num_rays;
         match differentiated.add_edges(&gpu, &options, &mut gradients, |rays| keep_going(done + rays)) {
@@ -230,7 +255,7 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
         precision_warning: choice.warning,
         trace_time_sec: start.elapsed().as_secs_f64(),
         scene_warnings: warnings,
-        partial,
+        partial: is_stopped,
         stopped_by: is_stopped.then_some(StoppedBy::Interrupt),
         has_no_gpu: gpu.info.class.stands_in_for_gpu() && args.adapter.is_none(),
         ..options.run_info(&gpu.info)
@@ -387,6 +412,10 @@ struct Run<'a> {
     gpu: &'a Gpu,
     options: &'a TraceOptions,
     identity: &'a Identity,
+    /// Rays of this trace that the file of `--checkpoint` holds already.
+    rays_there: u64,
+    /// Set by Ctrl-C.
+    stop: &'a AtomicBool,
 }
 
 /// True if the sums must hold the rows of ray databases and paths. Another trace then goes on from the sums, or adds to
@@ -415,7 +444,7 @@ fn trace(
     choosing: Choosing<'_>,
     begun: Option<Tally>,
 ) -> Result<(TraceResult, Tally, Result<()>)> {
-    let Run { args, start: command_start, scene, ir, gpu, options, identity } = run;
+    let Run { args, start: command_start, scene, ir, gpu, options, identity, rays_there, stop } = run;
     let mut tracer = Tracer::new(gpu, ir, options)?;
     if let Some(recording) = recording(args, ir)? {
         tracer.record_to(recording);
@@ -430,7 +459,8 @@ fn trace(
         ir,
         identity,
         begun: num_rays_before,
-        stop: stop_on_interrupt()?,
+        rays_there: *rays_there,
+        stop,
         stopping: Stopping::new(ir, args.trace.target_error, args.trace.time_limit),
         progress: Progress::new(args.progress, tracer.num_rays()),
         last_checkpoint: Instant::now(),
@@ -441,8 +471,18 @@ fn trace(
     let tally = tracer.go_on(begun, |progress| session.after_pass(progress))?;
     let trace_time_sec = start.elapsed().as_secs_f64();
     session.progress.finish();
-    let checkpointed =
-        args.checkpoint.as_ref().map_or(Ok(()), |path| checkpoint::write(path, identity, &tally));
+    let checkpointed = match &args.checkpoint {
+        Some(path) if tally.launched.count < *rays_there => {
+            say(&format!(
+                "{} stays: it holds {rays_there} rays of this trace, and now there are {}; --resume goes on from it",
+                path.display(),
+                tally.launched.count
+            ));
+            Ok(())
+        }
+        Some(path) => checkpoint::write(path, identity, &tally),
+        None => Ok(()),
+    };
     let stage_times = tracer.stage_times();
     stage_times.iter().for_each(|time| say(&profile_line(time, trace_time_sec)));
     let partial = tally.launched.count < tracer.num_rays();
@@ -478,7 +518,9 @@ struct Session<'a> {
     identity: &'a Identity,
     /// Rays that the trace began with.
     begun: u64,
-    stop: Arc<AtomicBool>,
+    /// Rays that the file of `--checkpoint` holds already. Fewer never take their place.
+    rays_there: u64,
+    stop: &'a AtomicBool,
     stopping: Stopping,
     progress: Progress,
     last_checkpoint: Instant,
@@ -494,6 +536,7 @@ impl Session<'_> {
         }
         self.progress.update(&Status::of(progress, &self.stopping, &self.args.trace, self.begun));
         if let Some(path) = &self.args.checkpoint
+            && progress.done >= self.rays_there
             && self.last_checkpoint.elapsed() >= self.args.checkpoint_interval
         {
             // The disk may have room again at the next checkpoint, and no ray is lost. A failure at the end is an
@@ -513,44 +556,4 @@ fn profile_line(time: &StageTime, trace_time_sec: f64) -> String {
     format!(
         "profile: {stage:<13}{num_dispatches:>8} dispatches{time_sec:>12.6} s{percent:>7.1} % of the trace"
     )
-}
-
-/// From now on, ends this process when stdin closes, or when the process that started this one ends.
-pub(crate) fn end_with_caller() {
-    std::thread::spawn(end_with_stdin);
-    #[cfg(unix)]
-    {
-        let parent = std::os::unix::process::parent_id();
-        std::thread::spawn(move || end_with_parent(parent));
-    }
-}
-
-/// Waits until nobody holds the other end of stdin, then ends the process. Results appear whole or not at all, so
-/// nothing is left to tidy up.
-fn end_with_stdin() {
-    let _ = std::io::copy(&mut std::io::stdin(), &mut std::io::sink());
-    std::process::exit(i32::from(Error::Interrupted.exit_code()));
-}
-
-/// Waits until the process that started this one has ended, then ends this one. A fork of that process may also hold
-/// the other end of stdin, and live on.
-#[cfg(unix)]
-pub(crate) fn end_with_parent(parent: u32) {
-    while std::os::unix::process::parent_id() == parent {
-        std::thread::sleep(Duration::from_millis(100));
-    }
-    std::process::exit(i32::from(Error::Interrupted.exit_code()));
-}
-
-/// A flag that Ctrl-C sets. A second Ctrl-C ends the process at once.
-pub(crate) fn stop_on_interrupt() -> Result<Arc<AtomicBool>> {
-    let stop = Arc::new(AtomicBool::new(false));
-    let flag = stop.clone();
-    ctrlc::set_handler(move || {
-        if flag.swap(true, Ordering::Relaxed) {
-            std::process::exit(i32::from(Error::Interrupted.exit_code()));
-        }
-    })
-    .map_err(|e| Error::Internal(format!("no handler for Ctrl-C: {e}")))?;
-    Ok(stop)
 }

@@ -1,5 +1,7 @@
 //! `nsq-gpu view`: opens a window on a trace or on results, or draws a picture of it.
 
+use crate::cli::output_file::OutputFile;
+use crate::cli::stops::stop_on_interrupt;
 use crate::count;
 use crate::error::{Error, Result};
 use crate::model::PathFilter;
@@ -12,6 +14,7 @@ use crate::viewer::tracing::{Device, Notify};
 use crate::viewer::{App, Model, Waker, open, screenshot};
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 
 /// Arguments of `nsq-gpu view`.
 #[derive(Debug, Clone, clap::Args)]
@@ -48,9 +51,13 @@ pub struct Args {
     /// Open the table of paths, and show the light of the row of this rank.
     #[arg(long = "path", id = "rank", value_name = "RANK", value_parser = clap::value_parser!(u32).range(1..))]
     path_rank: Option<u32>,
-    /// Draw the window into a PNG file once everything is traced; no display is needed.
+    /// Draw the window into a PNG file once everything is traced; no display is needed. A file that exists is kept, and
+    /// refused before the first ray.
     #[arg(long, value_name = "FILE", value_parser = parse_picture)]
     screenshot: Option<PathBuf>,
+    /// Let --screenshot replace a file that exists.
+    #[arg(long, requires = "screenshot")]
+    overwrite: bool,
     /// Size of the picture in points.
     #[arg(long, value_name = "WxH", default_value = "1440x900", value_parser = parse_size)]
     size: (f32, f32),
@@ -106,11 +113,17 @@ fn parse_pixels_per_point(text: &str) -> std::result::Result<f32, String> {
 /// Opens the window, or draws it into a file. Nothing goes to stdout.
 pub fn run(args: &Args) -> Result<String> {
     if let Some(path) = &args.screenshot {
+        let file = OutputFile::new(path, args.overwrite, &args.path)?;
+        let stop = stop_on_interrupt()?;
         // The picture does not depend on what the user chose in the window before.
         let settings = Settings { dark: !args.light, ..Settings::default() };
         let mut app = app(args, settings, Arc::new(|| {}))?;
-        let picture = screenshot::draw(&mut app, args.size, args.pixels_per_point)?;
+        let is_stopped = || stop.load(Ordering::Relaxed);
+        let picture = screenshot::draw(&mut app, args.size, args.pixels_per_point, is_stopped)?;
         if app.model.a().is_none() {
+            if is_stopped() {
+                return Err(Error::Interrupted);
+            }
             let problem = app.model.messages.first().cloned();
             return Err(Error::Usage(problem.unwrap_or_else(|| "nothing was traced".into())));
         }
@@ -118,9 +131,9 @@ pub fn run(args: &Args) -> Result<String> {
             let problem = app.model.light.problem().unwrap_or("the table of paths is not ready");
             return Err(Error::Usage(format!("--path: {problem}")));
         }
-        picture.write(path)?;
-        crate::cli::console::say(&format!("written: {}", path.display()));
-        return Ok(String::new());
+        let written = file.write(&picture.to_png()?)?;
+        crate::cli::console::say(&format!("written: {}", written.display()));
+        return if is_stopped() { Err(Error::Interrupted) } else { Ok(String::new()) };
     }
     let settings = Settings::load();
     let title = format!("{} – nsq-gpu", args.path.display());

@@ -24,7 +24,7 @@ use sha2::{Digest, Sha256};
 /// With which a file of raw sums begins.
 pub const SUMS_MAGIC: &[u8; 8] = b"NSQTALLY";
 
-/// True of a file that begins as files of raw sums do.
+/// True of a file that begins as files of raw sums do. Whose sums they are, and whether they are whole, is not known yet.
 pub fn holds_sums(path: &Path) -> bool {
     let mut magic = [0; SUMS_MAGIC.len()];
     path.is_file()
@@ -258,9 +258,11 @@ impl Before {
             if meta.as_ref().is_none_or(is_unchanged) {
                 files.insert(REPORT.into(), None);
             }
-        }
-        if is_file(TALLY) && holds_sums(&dir.join(TALLY)) {
-            files.insert(TALLY.into(), None);
+            // Sums without a report that knows them may be the work of days: a checkpoint that somebody has moved here.
+            let is_known = hash(TALLY).is_some() || meta.is_none();
+            if is_known && is_file(TALLY) && holds_sums(&dir.join(TALLY)) {
+                files.insert(TALLY.into(), hash(TALLY));
+            }
         }
         // What somebody has changed since is no longer this program's.
         let is_unchanged = |name: &str, hash: &FileHash| {

@@ -98,10 +98,11 @@ impl Scene {
     /// scene names are looked for from a folder.
     ///
     /// # Errors
-    /// [`Error::Scene`] with the place if it cannot be traced as written, [`Error::Usage`] for a name of nothing.
+    /// [`Error::Scene`] with the place if it cannot be traced as written, [`Error::Usage`] for a name of nothing, and for
+    /// a number that is set twice.
     pub fn with_numbers(text: &str, folder: &Path, numbers: &[(String, f64)]) -> Result<Self> {
         let mut tree = text::parse(text)?;
-        numbers.iter().try_for_each(|(name, value)| parameters::set(&mut tree, name, *value))?;
+        parameters::set_all(&mut tree, numbers)?;
         Self::of_tree(&tree, folder)
     }
 

@@ -40,11 +40,28 @@ pub(super) fn get(tree: &Value, name: &str) -> Result<f64> {
     }
 }
 
+/// Sets numbers by their names.
+///
+/// # Errors
+/// As [`set`]; also [`Error::Usage`] if two names are of one number.
+pub(super) fn set_all(tree: &mut Value, numbers: &[(String, f64)]) -> Result<()> {
+    let mut places: Vec<Place> = Vec::new();
+    for (name, value) in numbers {
+        let place = find(tree, name)?;
+        if places.contains(&place) {
+            return Err(Error::Usage(format!("{} is set twice; set it once", ticked(name))));
+        }
+        places.push(place);
+        set(tree, name, *value)?;
+    }
+    Ok(())
+}
+
 /// Sets the number of this name. A key that its entry does not know is refused later, when the scene is read.
 ///
 /// # Errors
 /// [`Error::Usage`] if nothing has that name, or the scene has something else than a number there.
-pub(super) fn set(tree: &mut Value, name: &str, value: f64) -> Result<()> {
+fn set(tree: &mut Value, name: &str, value: f64) -> Result<()> {
     let number = Number::from_f64(value)
         .ok_or_else(|| Error::Usage(format!("{} is {value}; give a finite number", ticked(name))))?;
     let Place { object, key, items } = find(tree, name)?;
@@ -115,6 +132,7 @@ enum Step {
 }
 
 /// Where a number stands: the way to its object, and its key there.
+#[derive(PartialEq)]
 struct Place {
     object: Vec<Step>,
     key: String,

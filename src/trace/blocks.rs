@@ -8,6 +8,21 @@ use crate::model::SceneIr;
 use crate::result::{FluxSum, Tally};
 use crate::trace::Tracer;
 
+/// Rays of a block, at most: a stop then loses little, and sums of derivatives are read before they can overflow.
+pub(crate) const MOST_BLOCK_RAYS: u64 = 1 << 20;
+
+/// The number of blocks of a trace, where there are so many at least.
+pub(crate) fn num_blocks(num_rays: u64, least: u64) -> u64 {
+    least.max(num_rays.div_ceil(MOST_BLOCK_RAYS)).min(num_rays)
+}
+
+/// The sums of some rays.
+pub(crate) struct Traced {
+    pub(crate) tally: Tally,
+    /// False if the trace was stopped before the last of them.
+    pub(crate) is_whole: bool,
+}
+
 /// The sums of the blocks so far.
 pub(crate) struct Blocks {
     pub(crate) sums: Tally,
@@ -21,29 +36,32 @@ impl Blocks {
         Blocks { sums: tracer.empty_tally(), num_blocks, done: 0 }
     }
 
-    /// Traces the next block, and gives its own sums; none if `keep_going`, which gets the rays done, stops the trace before
-    /// the block's last ray. The block is not added yet.
-    pub(crate) fn trace_next(
+    /// The position at which the next block ends.
+    pub(crate) fn next_end(&self, tracer: &Tracer) -> u64 {
+        let end = u128::from(tracer.num_rays()) * u128::from(self.done + 1) / u128::from(self.num_blocks);
+        end as u64
+    }
+
+    /// Traces on to the position `end`, and gives the sums of these rays alone, which are not added yet. `keep_going`
+    /// gets the rays done, and stops the trace by returning false: the sums are then of the rays that were traced.
+    pub(crate) fn trace_to(
         &self,
         tracer: &mut Tracer,
+        end: u64,
         mut keep_going: impl FnMut(u64) -> bool,
-    ) -> Result<Option<Tally>> {
-        let num_rays = tracer.num_rays();
-        let end = u128::from(num_rays) * u128::from(self.done + 1) / u128::from(self.num_blocks);
-        let end = end as u64;
+    ) -> Result<Traced> {
         let Tally { launched, rays, .. } = &self.sums;
         let begun = Tally { launched: *launched, rays: rays.clone(), ..tracer.empty_tally() };
         tracer.pause_at(end);
-        let (mut is_stopped, mut is_whole) = (false, false);
+        let mut is_whole = false;
         let tally = tracer.go_on(begun, |progress| {
             is_whole = progress.position() >= end;
-            is_stopped = !keep_going(progress.done);
-            Ok(!is_stopped && !is_whole)
+            Ok(keep_going(progress.done) && !is_whole)
         })?;
-        Ok((!is_stopped || is_whole && self.done + 1 == self.num_blocks).then_some(tally))
+        Ok(Traced { tally, is_whole })
     }
 
-    /// Adds what [`Blocks::trace_next`] gave, and gives the block's sums alone: launched rays are those of the block.
+    /// Adds what [`Blocks::trace_to`] gave, and gives the sums of these rays alone: launched rays are theirs.
     pub(crate) fn add(&mut self, traced: Tally) -> Tally {
         let (launched, rays) = (traced.launched, traced.rays.clone());
         let before = std::mem::take(&mut self.sums.launched);
@@ -53,8 +71,12 @@ impl Blocks {
         block.detectors.iter_mut().for_each(|detector| detector.rows = Vec::new());
         self.sums += &block;
         (self.sums.launched, self.sums.rays) = (launched, rays);
-        self.done += 1;
         block
+    }
+
+    /// The block is traced to its end.
+    pub(crate) fn end_block(&mut self) {
+        self.done += 1;
     }
 }
 

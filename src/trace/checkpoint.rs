@@ -236,6 +236,31 @@ pub fn check_writable(path: &Path) -> Result<()> {
     placing::check_folder_of(path).map_err(|error| Error::file(path, placing::own_word(error)))
 }
 
+/// How many rays of a trace a file holds already: none where there is no file, or an empty one.
+///
+/// # Errors
+/// [`Error::File`] if the file holds the sums of another trace, or damaged ones; with `overwrite` such a file holds none.
+pub fn rays_in(path: &Path, identity: &Identity, overwrite: bool) -> Result<u64> {
+    if path.symlink_metadata().map_or(0, |found| found.len()) == 0 {
+        return Ok(0);
+    }
+    let refused = |problem: String| match overwrite {
+        true => Ok(0),
+        false => Err(Error::file(
+            path,
+            format!("{problem}; --overwrite replaces it, or name another file for the sums of this trace"),
+        )),
+    };
+    match Checkpoint::read(path) {
+        Ok(found) => match identity.differences_from_beginning(&found.identity) {
+            differences if differences.is_empty() => Ok(found.tally.launched.count),
+            differences => refused(format!("holds the sums of another trace: {}", differences.join("; "))),
+        },
+        Err(Error::File { problem, .. }) => refused(problem),
+        Err(error) => Err(error),
+    }
+}
+
 /// Refuses to replace anything but a file of sums. An empty file holds nothing that could be lost.
 fn check_is_own(path: &Path) -> Result<()> {
     let refused = |what: &str| {

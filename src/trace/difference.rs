@@ -14,11 +14,13 @@ use crate::result::difference::{Pairing, Spread, with_sources_of};
 use crate::result::{DetectorTally, FluxSum, FluxUnit, RunInfo, SceneDifference, Tally};
 use crate::trace::Tracer;
 use crate::trace::auto_precision::{self, Choice, Wanted};
-use crate::trace::blocks::{Blocks, notes_of_few_rays};
+use crate::trace::blocks::{Blocks, MOST_BLOCK_RAYS, notes_of_few_rays, num_blocks};
 use std::sync::Arc;
 
-/// Blocks of rays: the error of an error is then 9 %.
+/// Blocks of rays, at least: the error of an error is then 9 %.
 const NUM_BLOCKS: u64 = 64;
+/// Rays of the first step of a trace. Both scenes have traced the same rays after each step, so that a stop keeps them.
+const FIRST_STEP_RAYS: u64 = 1 << 12;
 
 /// Two scenes that launch the same rays.
 pub struct Pair<'a> {
@@ -60,7 +62,7 @@ impl<'a> Pair<'a> {
     ///
     /// # Errors
     /// [`Error::Usage`] for options that make no sense, or scenes without a detector in common. [`Error::Interrupted`] if no
-    /// block of rays was done. [`Error::Device`] if the device fails.
+    /// step of rays was done by both. [`Error::Device`] if the device fails.
     pub fn difference(
         &self,
         gpu: &Gpu,
@@ -86,29 +88,37 @@ impl<'a> Pair<'a> {
             [Tracer::new(gpu, scenes[0], &options[0])?, Tracer::new(gpu, scenes[1], &options[1])?];
         let num_rays = tracers[0].num_rays();
         let units = scenes.map(|ir| FluxUnit::of_scene(ir, num_rays));
-        let num_blocks = if is_sobol { 1 } else { NUM_BLOCKS.min(num_rays) };
+        let num_blocks = if is_sobol { 1 } else { num_blocks(num_rays, NUM_BLOCKS) };
         let mut blocks = tracers.each_ref().map(|tracer| Blocks::new(tracer, num_blocks));
         let mut spreads = [Spread::default(), Spread::default()];
         let mut done = [0; 2];
-        'blocks: for _ in 0..num_blocks {
-            let mut traced = Vec::new();
-            for side in 0..2 {
-                let block = blocks[side].trace_next(&mut tracers[side], |rays| {
-                    done[side] = rays;
-                    keep_going(done)
-                })?;
-                let Some(block) = block else { break 'blocks };
-                traced.push(block);
-            }
-            let (mut figures, mut num_rays) = (Vec::new(), 0);
-            for (side, traced) in traced.into_iter().enumerate() {
-                let block = blocks[side].add(traced);
-                num_rays = block.launched.count;
-                if !is_sobol {
-                    figures.push(pairing.figures(side, &block, units[side])?);
+        'blocks: for number in 0..num_blocks {
+            let end = blocks[0].next_end(&tracers[0]);
+            // Where one block is all there is so far, a stop within it keeps its steps.
+            let steps = if number == 0 { steps(end) } else { vec![end] };
+            let mut of_block = None;
+            for end in steps {
+                let mut traced = Vec::new();
+                for side in 0..2 {
+                    let of_side = blocks[side].trace_to(&mut tracers[side], end, |rays| {
+                        done[side] = rays;
+                        keep_going(done)
+                    })?;
+                    if !of_side.is_whole {
+                        break 'blocks;
+                    }
+                    traced.push(of_side.tally);
                 }
+                of_block = Some((blocks[0].add(traced.swap_remove(0)), blocks[1].add(traced.swap_remove(0))));
             }
-            if let [a, b] = &figures[..] {
+            let of_block = match number {
+                0 => Some((blocks[0].sums.clone(), blocks[1].sums.clone())),
+                _ => of_block,
+            };
+            blocks.iter_mut().for_each(Blocks::end_block);
+            if let Some((a, b)) = of_block.filter(|_| !is_sobol) {
+                let num_rays = a.launched.count;
+                let [a, b] = [pairing.figures(0, &a, units[0])?, pairing.figures(1, &b, units[1])?];
                 spreads[0].add(num_rays, &less(&a.lines, &b.lines));
                 spreads[1].add(num_rays, &less(&a.detected, &b.detected));
             }
@@ -167,6 +177,12 @@ impl<'a> Pair<'a> {
         }
         Ok(())
     }
+}
+
+/// The ends of steps to a position: twice as long each time, and never longer than a block.
+fn steps(end: u64) -> Vec<u64> {
+    let ends = std::iter::successors(Some(FIRST_STEP_RAYS), |end| Some(end + (*end).min(MOST_BLOCK_RAYS)));
+    ends.take_while(|step| *step < end).chain([end]).collect()
 }
 
 fn less(a: &[f64], b: &[f64]) -> Vec<f64> {

@@ -1,5 +1,7 @@
 //! What is shown, as text, and unused names for files.
 
+use crate::error::{Error, Result};
+use crate::placing;
 use crate::viewer::field::Field;
 use crate::viewer::spots::Spots;
 use std::fmt::Write;
@@ -39,7 +41,18 @@ pub fn free_path(folder: &Path, name: &str, extension: &str) -> PathBuf {
     let numbered = (2..).map(|number| format!("{stem}_{number}{extension}"));
     let mut paths =
         std::iter::once(format!("{stem}{extension}")).chain(numbered).map(|name| folder.join(name));
-    paths.find(|path| !path.exists()).unwrap_or_else(|| folder.join(stem))
+    paths.find(|path| !placing::exists(path)).unwrap_or_else(|| folder.join(stem))
+}
+
+/// Writes a file of a name that [`free_path`] gave, and returns its path. What somebody has put there meanwhile stays.
+///
+/// # Errors
+/// [`Error::File`] if the file cannot be written.
+pub fn write_new(path: PathBuf, text: &str) -> Result<PathBuf> {
+    match placing::new_file(&path, text.as_bytes()) {
+        Ok(()) => Ok(path),
+        Err(error) => Err(Error::file(path, error)),
+    }
 }
 
 #[cfg(test)]
@@ -70,6 +83,13 @@ mod tests {
         let first = free_path(folder.path(), "a/b", ".csv");
         assert_eq!(first, folder.path().join("a_b.csv"));
         std::fs::write(&first, "").unwrap();
-        assert_eq!(free_path(folder.path(), "a/b", ".csv"), folder.path().join("a_b_2.csv"));
+        let second = free_path(folder.path(), "a/b", ".csv");
+        assert_eq!(second, folder.path().join("a_b_2.csv"));
+        #[cfg(unix)]
+        {
+            std::os::unix::fs::symlink(folder.path().join("nowhere"), &second).unwrap();
+            assert_eq!(free_path(folder.path(), "a/b", ".csv"), folder.path().join("a_b_3.csv"));
+        }
+        write_new(first, "mine").unwrap_err();
     }
 }

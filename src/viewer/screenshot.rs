@@ -5,7 +5,6 @@ use crate::gpu::{AdapterChoice, Gpu};
 use crate::viewer::app::App;
 use eframe::egui::{self, Pos2, Rect, ViewportId, vec2};
 use eframe::egui_wgpu::{Renderer, RendererOptions, ScreenDescriptor};
-use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -23,11 +22,16 @@ const SETTLING: u32 = 6;
 const PATIENCE: Duration = Duration::from_secs(3600);
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 
-/// Draws the window of `app` once no further result will come by itself. `size` is in points.
+/// Draws the window of `app` once no further result will come by itself, or once it is stopped. `size` is in points.
 ///
 /// # Errors
 /// [`Error::Device`] or [`Error::NoAdapter`] if drawing is impossible.
-pub fn draw(app: &mut App, size: (f32, f32), pixels_per_point: f32) -> Result<Picture> {
+pub fn draw(
+    app: &mut App,
+    size: (f32, f32),
+    pixels_per_point: f32,
+    is_stopped: impl Fn() -> bool,
+) -> Result<Picture> {
     let gpu = Arc::new(Gpu::open(&AdapterChoice::default())?);
     let mut canvas = Canvas::new(gpu, size, pixels_per_point, RendererOptions::PREDICTABLE);
     let start = Instant::now();
@@ -35,7 +39,7 @@ pub fn draw(app: &mut App, size: (f32, f32), pixels_per_point: f32) -> Result<Pi
     while settled < SETTLING {
         canvas.frame(app, Vec::new());
         // A frame may ask for something, such as recorded rays. A further frame must follow with the answer.
-        if app.model.is_idle() || start.elapsed() > PATIENCE {
+        if app.model.is_idle() || start.elapsed() > PATIENCE || is_stopped() {
             settled += 1;
         } else {
             settled = 0;
@@ -48,18 +52,22 @@ pub fn draw(app: &mut App, size: (f32, f32), pixels_per_point: f32) -> Result<Pi
 }
 
 impl Picture {
-    /// Writes the picture to a `.png` file.
+    /// The contents of a `.png` file.
     ///
     /// # Errors
-    /// [`Error::File`] if the file cannot be written.
-    pub fn write(&self, path: &Path) -> Result<()> {
-        let file = std::fs::File::create(path).map_err(|error| Error::file(path, error))?;
-        let mut encoder = png::Encoder::new(std::io::BufWriter::new(file), self.size[0], self.size[1]);
+    /// [`Error::Internal`] if the picture cannot be encoded.
+    pub fn to_png(&self) -> Result<Vec<u8>> {
+        let mut bytes = Vec::new();
+        let mut encoder = png::Encoder::new(&mut bytes, self.size[0], self.size[1]);
         encoder.set_color(png::ColorType::Rgba);
         encoder.set_depth(png::BitDepth::Eight);
         encoder.set_compression(png::Compression::Best);
-        let mut writer = encoder.write_header().map_err(|error| Error::file(path, error))?;
-        writer.write_image_data(&self.rgba).map_err(|error| Error::file(path, error))
+        let written = encoder.write_header().and_then(|mut writer| {
+            writer.write_image_data(&self.rgba)?;
+            writer.finish()
+        });
+        written.map_err(|error| Error::Internal(format!("encoding the picture: {error}")))?;
+        Ok(bytes)
     }
 }
 

@@ -59,7 +59,7 @@ pub fn run(args: &Args) -> Result<String> {
     #[cfg(unix)]
     {
         let parent = std::os::unix::process::parent_id();
-        std::thread::spawn(move || crate::cli::trace::end_with_parent(parent));
+        std::thread::spawn(move || crate::cli::stops::end_with_parent(parent));
     }
     let mut session = Session::new(AdapterChoice::of_command(args.adapter.as_deref(), args.portable));
     let cancels = Cancels::default();

@@ -20,7 +20,7 @@ use crate::program::tangents::{Parameter, Tangents};
 use crate::result::difference::Spread;
 use crate::result::{Gradient, Tally};
 use crate::scene::Scene;
-use crate::trace::blocks::{Blocks, notes_of_few_rays};
+use crate::trace::blocks::{Blocks, notes_of_few_rays, num_blocks};
 use crate::trace::gradients::chain::{Chain, sizes};
 use crate::trace::gradients::edges::{MOST_EDGE_RAYS, rounding};
 use crate::trace::gradients::scaled::{Scaled, allowance, unquoted};
@@ -34,8 +34,6 @@ pub const MOST_PARAMETERS: usize = 4;
 
 /// Blocks of rays, at least, where derivatives have standard errors.
 const NUM_BLOCKS: u64 = 64;
-/// Rays of a block, at most: sums of derivatives are read before they can overflow.
-const MOST_BLOCK_RAYS: u64 = 1 << 20;
 /// Changes of numbers below this are of rounding.
 const NOISE: f64 = 1e-9;
 /// A trace of more rays than these is preceded by a short one, so that a parameter is refused at once.
@@ -96,7 +94,10 @@ impl Differentiated {
         change: impl Fn(&mut SceneIr) -> Result<()> + Sync,
     ) -> Result<Self> {
         let read = |numbers: &[(String, f64)]| -> Result<(SceneIr, Vec<String>)> {
-            let scene = Scene::with_numbers(text, folder, &[set, numbers].concat())?;
+            let is_changed =
+                |name: &String| numbers.iter().any(|(changed, _)| unquoted(changed) == unquoted(name));
+            let kept = set.iter().filter(|(name, _)| !is_changed(name)).chain(numbers).cloned();
+            let scene = Scene::with_numbers(text, folder, &kept.collect::<Vec<_>>())?;
             let mut ir = scene.lower()?;
             change(&mut ir)?;
             Ok((ir, scene.warnings))
@@ -151,12 +152,12 @@ impl Differentiated {
     }
 
     /// The derivatives of every detector by every parameter, and the sums of the trace. `keep_going` gets the rays done of
-    /// all passes, and ends the trace by returning false: what is found then is that of all passes done, or of the blocks of rays
-    /// that the first pass has done.
+    /// all passes, and ends the trace by returning false: what is found then is that of all passes done, or of the rays that the
+    /// first pass has done.
     ///
     /// # Errors
     /// [`Error::Usage`] for options that make no sense, for a parameter whose change changes what the scene is made of, and for
-    /// one that acts at edges alone. [`Error::Interrupted`] if no block of rays was done. [`Error::Device`] if the device fails.
+    /// one that acts at edges alone. [`Error::Interrupted`] if no ray was done. [`Error::Device`] if the device fails.
     pub fn gradients(
         &self,
         gpu: &Gpu,
@@ -188,7 +189,8 @@ impl Differentiated {
                 break;
             }
             done_before += options.num_rays;
-            if is_checked && !is_long {
+            // A stop waits for no further trace.
+            if is_checked && !is_long && is_whole {
                 edges::check_maps(&self.ir, gpu, &options, how.shelf, parameters, &of_pass.1)?;
             }
             found.extend(of_pass.0);
@@ -429,11 +431,17 @@ impl Differentiated {
             parameters.iter().map(|scaled| Chain::of(ir, scaled, num_rays)).collect::<Result<_>>()?;
         let mut spreads = vec![Spread::default(); parameters.len()];
         for _ in 0..num_blocks {
-            let Some(traced) = blocks.trace_next(&mut tracer, &mut keep_going)? else { break };
-            let block = blocks.add(traced);
+            let end = blocks.next_end(&tracer);
+            let traced = blocks.trace_to(&mut tracer, end, &mut keep_going)?;
+            // Of a block that was stopped, the rays that were traced are a smaller block.
+            let block = blocks.add(traced.tally);
             for (number, (chain, spread)) in chains.iter().zip(&mut spreads).enumerate() {
                 spread.add(block.launched.count, &chain.derivatives(&block, number));
             }
+            if !traced.is_whole {
+                break;
+            }
+            blocks.end_block();
         }
         let done = blocks.sums.launched.count;
         if done == 0 {
@@ -471,9 +479,4 @@ impl Differentiated {
         }
         Ok((found, blocks.sums))
     }
-}
-
-/// The number of blocks of a trace, where there are so many at least.
-fn num_blocks(num_rays: u64, least: u64) -> u64 {
-    least.max(num_rays.div_ceil(MOST_BLOCK_RAYS)).min(num_rays)
 }

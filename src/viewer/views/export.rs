@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::result::{Detector, TraceResult, npz_files, output, png};
-use crate::viewer::export::{fields_csv, free_path, spots_csv};
+use crate::viewer::export::{fields_csv, free_path, spots_csv, write_new};
 use crate::viewer::model::{Picture, Subject};
 use crate::viewer::state::App;
 use crate::viewer::views::paths;
@@ -65,7 +65,7 @@ fn write(app: &mut App, format: Format) -> Result<PathBuf> {
                 Picture::Spots(spots) => spots_csv(spots),
             };
             let path = free_path(&folder, &file_name(app, &name), ".csv");
-            std::fs::write(&path, text).map_err(|error| Error::file(&path, error)).map(|()| path)
+            write_new(path, &text)
         }
         _ => {
             let none = || Error::Usage(format!("the result has no detector '{name}'"));

@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::format::thousands;
 use crate::result::{Grouping, LightPath};
-use crate::viewer::export::free_path;
+use crate::viewer::export::{free_path, write_new};
 use crate::viewer::following::Rest;
 use crate::viewer::light::{Light, Shown, Stage};
 use crate::viewer::model::Model;
@@ -150,7 +150,7 @@ pub fn export(app: &App) -> Result<PathBuf> {
     let folder = PathBuf::from(app.export_folder.trim());
     std::fs::create_dir_all(&folder).map_err(|error| Error::file(&folder, error))?;
     let path = free_path(&folder, &format!("{name}_table_of_paths"), ".csv");
-    std::fs::write(&path, listing.table.to_csv()).map_err(|error| Error::file(&path, error)).map(|()| path)
+    write_new(path, &listing.table.to_csv())
 }
 
 /// A line of the table: a row, or the light without maps.

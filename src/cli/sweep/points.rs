@@ -1,0 +1,288 @@
+//! The points of a sweep, as JSON, as comma-separated values, and as tables for people.
+
+use crate::cli::sweep::Numbers;
+use crate::format::{csv_text, shown};
+use crate::result::TraceResult;
+use serde_json::{Map, Value, json};
+use std::fmt::Write;
+
+/// The points of a sweep: those that were traced, and those that could not be.
+pub(super) struct Points {
+    /// How many there were to be, without the scene as it is.
+    pub(super) num_points: usize,
+    /// Of tolerances, the scene as it is.
+    pub(super) nominal: Option<Point>,
+    pub(super) points: Vec<Point>,
+}
+
+/// What was set, and what was found.
+pub(super) struct Point {
+    /// Its place among all points, from 0 on.
+    pub(super) index: usize,
+    pub(super) numbers: Numbers,
+    pub(super) outcome: std::result::Result<Traced, String>,
+}
+
+/// A point that was traced.
+pub(super) struct Traced {
+    seed: u64,
+    num_rays: u64,
+    fluxes: Vec<Flux>,
+}
+
+/// A flux of a point.
+struct Flux {
+    /// That of a detector, or of a total.
+    name: String,
+    /// \[W\]
+    flux: f64,
+    /// Its standard error \[W\], where that is known.
+    error: Option<f64>,
+}
+
+impl Traced {
+    pub(super) fn of(result: &TraceResult) -> Self {
+        let detectors = result.detectors.iter().map(|detector| Flux {
+            name: detector.name.clone(),
+            flux: detector.total_flux,
+            error: detector.total_flux_standard_error,
+        });
+        let totals = [
+            ("absorbed", result.total_flux_absorbed),
+            ("bulk absorbed", result.total_flux_bulk_absorbed),
+            ("escaped", result.total_flux_escaped),
+            ("lost", result.total_flux_lost),
+        ];
+        // A detector may have the name of a total.
+        let label = |name: &str| match result.detector(name) {
+            Some(_) => format!("{name} (total)"),
+            None => name.into(),
+        };
+        let totals = totals.map(|(name, flux)| Flux { name: label(name), flux, error: None });
+        Traced {
+            seed: result.run.seed,
+            num_rays: result.num_rays_total,
+            fluxes: detectors.chain(totals).collect(),
+        }
+    }
+}
+
+impl Point {
+    /// Which point this is, for people: `point 2 (L1.r1 = 50)`.
+    pub(super) fn label(&self, is_sample: bool) -> String {
+        let set: Vec<String> =
+            self.numbers.iter().map(|(name, value)| format!("{} = {value}", shown(name))).collect();
+        let kind = if is_sample { "sample" } else { "point" };
+        format!("{kind} {} ({})", self.index, set.join(", "))
+    }
+
+    fn traced(&self) -> Option<&Traced> {
+        self.outcome.as_ref().ok()
+    }
+
+    fn entry(&self) -> Value {
+        let numbers: Map<String, Value> =
+            self.numbers.iter().map(|(name, value)| (name.clone(), json!(value))).collect();
+        match &self.outcome {
+            Ok(Traced { seed, num_rays, fluxes }) => {
+                let flux =
+                    |flux: &Flux| (flux.name.clone(), json!({"flux": flux.flux, "standard_error": flux.error}));
+                let fluxes: Map<String, Value> = fluxes.iter().map(flux).collect();
+                json!({"index": self.index, "set": numbers, "seed": seed, "num_rays": num_rays, "fluxes": fluxes})
+            }
+            Err(problem) => json!({"index": self.index, "set": numbers, "error": problem}),
+        }
+    }
+}
+
+impl Points {
+    /// True if a stop came before the last point.
+    pub(super) fn is_partial(&self) -> bool {
+        self.points.len() < self.num_points
+    }
+
+    pub(super) fn is_of_tolerances(&self) -> bool {
+        self.nominal.is_some()
+    }
+
+    /// The points that could not be traced.
+    pub(super) fn refused(&self) -> impl Iterator<Item = &Point> {
+        self.points.iter().filter(|point| point.outcome.is_err())
+    }
+
+    fn num_refused(&self) -> usize {
+        self.refused().count()
+    }
+
+    /// All points; of tolerances also the scene as it is, and quantiles of each flux. Fluxes are in W.
+    pub(super) fn document(&self) -> String {
+        let mut document = json!({
+            "num_points": self.num_points,
+            "num_refused": self.num_refused(),
+            "partial": self.is_partial(),
+            "points": self.points.iter().map(Point::entry).collect::<Vec<_>>(),
+        });
+        if let Some(nominal) = &self.nominal {
+            document["nominal"] = nominal.entry();
+            let of_each = self.quantiles().into_iter().map(|row| {
+                let [least, low, middle, high, most] = row.quantiles;
+                (row.name, json!({"minimum": least, "5%": low, "50%": middle, "95%": high, "maximum": most}))
+            });
+            document["quantiles"] = Value::Object(of_each.collect());
+        }
+        serde_json::to_string_pretty(&document).unwrap_or_default() + "\n"
+    }
+
+    fn columns(&self) -> Vec<Column> {
+        let Some(first) = self.points.first() else { return Vec::new() };
+        let column = |kind, name: &str, value: &dyn Fn(&Point) -> Option<f64>| Column {
+            kind,
+            name: name.into(),
+            values: self.points.iter().map(value).collect(),
+        };
+        let numbers = (0..).zip(&first.numbers);
+        let mut columns: Vec<Column> = numbers
+            .map(|(i, (name, _)): (usize, _)| {
+                column(ColumnKind::Number, name, &|point| Some(point.numbers[i].1))
+            })
+            .collect();
+        let fluxes = self.points.iter().find_map(Point::traced).map_or(&[][..], |traced| &traced.fluxes);
+        for (i, Flux { name, .. }) in fluxes.iter().enumerate() {
+            let flux = |point: &Point| point.traced().map(|traced| traced.fluxes[i].flux);
+            let error = |point: &Point| point.traced().and_then(|traced| traced.fluxes[i].error);
+            columns.push(column(ColumnKind::Flux, name, &flux));
+            let errors = column(ColumnKind::Error, name, &error);
+            columns.extend(errors.values.iter().any(Option::is_some).then_some(errors));
+        }
+        columns
+    }
+
+    /// A line of a title each, then a line a point. A number that is not known is an empty cell. If a point lacks its
+    /// numbers, a last column says why.
+    pub(super) fn csv(&self) -> String {
+        let columns = self.columns();
+        let title = |Column { kind, name, .. }: &Column| match kind {
+            ColumnKind::Number => csv_text(name),
+            ColumnKind::Flux => csv_text(&format!("{name} [W]")),
+            ColumnKind::Error => csv_text(&format!("{name} standard error [W]")),
+        };
+        let has_problems = self.is_partial() || self.num_refused() > 0;
+        let line = |cells: Vec<String>, problem: &str| {
+            let problem = has_problems.then(|| csv_text(problem));
+            cells.into_iter().chain(problem).collect::<Vec<_>>().join(",") + "\n"
+        };
+        let mut text = line(columns.iter().map(title).collect(), "problem");
+        for (i, point) in self.points.iter().enumerate() {
+            let cell = |column: &Column| column.values[i].map_or(String::new(), |value| format!("{value:?}"));
+            let problem = point.outcome.as_ref().err().map_or("", String::as_str);
+            text += &line(columns.iter().map(cell).collect(), problem);
+        }
+        if self.is_partial() {
+            let rest = self.num_points - self.points.len();
+            let problem = format!("partial: interrupted before {rest} more of {} points", self.num_points);
+            text += &line(vec![String::new(); columns.len()], &problem);
+        }
+        text
+    }
+
+    /// The text for stdout.
+    pub(super) fn text(&self) -> String {
+        let mut text = if self.is_of_tolerances() { self.quantile_table() } else { self.table() };
+        if self.is_partial() {
+            let _ = writeln!(text, "partial: {} of {} points", self.points.len(), self.num_points);
+        }
+        text
+    }
+
+    fn table(&self) -> String {
+        let columns = self.columns();
+        let title = |Column { kind, name, .. }: &Column| match kind {
+            ColumnKind::Number => format!("{:>14}", shown(name)),
+            ColumnKind::Flux => format!("{:>18}", format!("{} [W]", shown(name))),
+            ColumnKind::Error => format!("{:>12}", "error"),
+        };
+        let mut text = columns.iter().map(title).collect::<String>() + "\n";
+        for i in 0..self.points.len() {
+            let cell = |column: &Column| match (column.kind, column.values[i]) {
+                (ColumnKind::Number, Some(value)) => format!("{value:>14.7}"),
+                (ColumnKind::Flux, Some(value)) => format!("{value:>18.7}"),
+                (ColumnKind::Error, Some(value)) => format!("{:>12}", format!("{value:.1e}")),
+                (ColumnKind::Flux, None) => format!("{:>18}", "-"),
+                (_, None) => format!("{:>12}", "-"),
+            };
+            text += &(columns.iter().map(cell).collect::<String>() + "\n");
+        }
+        text
+    }
+
+    fn quantiles(&self) -> Vec<Quantiles> {
+        let nominal = self.nominal.as_ref().and_then(Point::traced).map_or(&[][..], |traced| &traced.fluxes);
+        let rows = nominal.iter().enumerate().map(|(i, Flux { name, flux, .. })| {
+            let traced = self.points.iter().filter_map(Point::traced);
+            let mut values: Vec<f64> = traced.map(|traced| traced.fluxes[i].flux).collect();
+            values.sort_by(f64::total_cmp);
+            // Between two samples the quantile is interpolated (Hyndman and Fan 1996, definition 7).
+            let quantile = |share: f64| {
+                let place = share * (values.len().saturating_sub(1)) as f64;
+                let (low, high) = (place.floor() as usize, place.ceil() as usize);
+                match (values.get(low), values.get(high)) {
+                    (Some(a), Some(b)) => a + (b - a) * place.fract(),
+                    _ => *flux,
+                }
+            };
+            let quantiles = [0.0, 0.05, 0.5, 0.95, 1.0].map(quantile);
+            Quantiles { name: name.clone(), nominal: *flux, quantiles }
+        });
+        rows.collect()
+    }
+
+    fn quantile_table(&self) -> String {
+        let (num_samples, num_refused) = (self.points.len(), self.num_refused());
+        let of_which = match num_refused {
+            0 => String::new(),
+            1 => ", without 1 that cannot be".into(),
+            _ => format!(", without {num_refused} that cannot be"),
+        };
+        let mut text = format!(
+            "{} samples{of_which}\n{:<18}{:>14}{:>14}{:>14}{:>14}{:>14}{:>14}\n",
+            num_samples - num_refused,
+            "flux [W]",
+            "as it is",
+            "minimum",
+            "5 %",
+            "50 %",
+            "95 %",
+            "maximum"
+        );
+        for row in self.quantiles() {
+            let _ = write!(text, "{:<18}{:>14.7}", shown(&row.name), row.nominal);
+            row.quantiles.iter().for_each(|value| {
+                let _ = write!(text, "{value:>14.7}");
+            });
+            text.push('\n');
+        }
+        text
+    }
+}
+
+/// A column of the points: a number, a flux, or a flux's standard error where some point has one.
+struct Column {
+    kind: ColumnKind,
+    name: String,
+    values: Vec<Option<f64>>,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum ColumnKind {
+    Number,
+    Flux,
+    Error,
+}
+
+/// A flux over the samples of tolerances.
+struct Quantiles {
+    name: String,
+    nominal: f64,
+    /// The least, those of 5, 50 and 95 %, and the most \[W\].
+    quantiles: [f64; 5],
+}
