@@ -1,55 +1,93 @@
 """Traces spread over a Dask cluster: the bits of one trace of all rays, whoever traced which of them.
 
 ``pip install nsq-gpu[cluster]``. A task traces a range of rays, a pure function of the scene's text, the first ray and
-the count. So a task that is lost, repeated or run twice changes nothing. Its result is the bytes of a tally, and tallies
-are summed by a tree, in any order.
+the count. So a task that is lost, repeated or run twice changes nothing. Its result is the bytes of a tally. This process
+sums tallies as they come, in any order, and so keeps them when workers end.
 """
 
 from __future__ import annotations
 
+import functools
+import hashlib
 import itertools
 import os
+import platform
+import subprocess
+import sys
 import tempfile
+import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent import futures
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from optiland.nonsequential import NSQScene
 from optiland.nonsequential.tracer import SimulationResult
 
 from nsq_gpu.binary import find_binary
-from nsq_gpu.errors import NsqGpuError, UsageError
+from nsq_gpu.errors import Interrupted, NsqGpuError, SceneError, TraceTimeoutError, UsageError
 from nsq_gpu.export import export, to_json
 from nsq_gpu.integrity import read_report
 from nsq_gpu.process import ProgressCallback, Shown, Update, run
 from nsq_gpu.results import check_paths, fill_scene, in_folder, warn_of
-from nsq_gpu.session import EXPORTED, Answer, Session, as_written, shared_session
+from nsq_gpu.session import EXPORTED, Answer, Session, as_written
 from nsq_gpu.sweeps import Point, Sweep
 from nsq_gpu.sweeps import run as run_points
 
-#: Tallies that a task of the tree adds up.
-_ARITY = 8
+#: Tallies that are added up at once, without a target error.
+_ARITY = 10
+#: Workers that are reckoned with where none is there yet.
+_WORKERS = 8
+#: Longest text of a scene that goes with each task [characters].
+_LONG = 100_000
 #: How often a task is tried again, on whichever worker.
 _RETRIES = 3
 #: The sums in a folder of results.
 _TALLY = "tally.bin"
 
 
+class Provenance(NamedTuple):
+    """The program that ran a task."""
+
+    #: Name of the machine.
+    machine: str
+    #: Path of the program there.
+    program: str
+    #: Operating system and processor.
+    platform: str
+    version: str
+    #: SHA-256 of the program's file.
+    sha256: str
+    #: Adapter and driver; None where the program refused the task.
+    device: str | None = None
+
+
+class Traced(NamedTuple):
+    """What a task returns."""
+
+    #: The bytes of a tally, the answer of a session, or why the program refuses the task.
+    answer: Any
+    by: Provenance
+
+
 def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None = None, *, seed: int = 0,
           max_depth: int = 16, precision: str = "auto", adapter: str | None = None, binary: str | None = None,
-          any_driver: bool = False, target_error: float | str | None = None,
+          any_driver: bool = False, target_error: float | str | None = None, timeout: float | None = None,
           progress: bool | ProgressCallback = False, **options: Any) -> SimulationResult:
     """Trace a scene on a Dask cluster; return Optiland's result, and leave live detectors as its own backends do.
 
     The bits are those of ``nsq-gpu trace -n NUM_RAYS`` with ``--strict``, where the adapters allow strict arithmetic.
+    Workers may come at any time, and the call waits for them.
 
     Args:
         scene: The live scene.
         num_rays: Rays to launch; with a target error the most of them.
-        client: A ``dask.distributed.Client``. None starts a cluster on this machine, with one worker, and ends it.
-        parts: Ranges of rays, a task each; by default four a worker, and 16 a worker with a target error.
+        client: A ``dask.distributed.Client`` that is not asynchronous, or the address of a scheduler. None starts a
+            cluster on this machine, with one worker, and ends it.
+        parts: Ranges of rays, a task each; by default four a worker, and 16 a worker with a target error. Where no
+            worker is there yet, eight are reckoned with.
         seed: Seed of the draws.
         max_depth: Largest number of events of a ray.
         precision: As that of :class:`nsq_gpu.NsqGpuBackend`; this process decides it, for all workers.
@@ -60,16 +98,20 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
         target_error: Largest relative error, such as ``0.01`` or ``"1%"``. The result is the shortest prefix of the ranges,
             two or more, that is as certain as that. So it does not depend on who was fast, and its bits are those of
             ``-n`` that many rays ``--of-rays NUM_RAYS``. Ranges beyond it are thrown away.
+        timeout: Longest time of the call [s], waits for workers included.
         progress: True shows a bar; a function is called with rays done, rays in all, rays per second.
         options: Further options of ``nsq-gpu trace`` by their names, such as ``paths=True``. The table of paths is that
             of one trace of all rays.
 
     Raises:
         NsqGpuError: One of its subclasses, by what went wrong.
-        UsageError: The workers' drivers differ.
+        UsageError: A worker has another driver than the others, or another build of the program.
+        TraceTimeoutError: The call took longer than ``timeout``; its ``partial`` is the result of the ranges that were done.
+        Interrupted: Ctrl-C ended the call; its ``partial`` likewise.
     """
     if num_rays < 2 or parts is not None and parts < 1:
         raise UsageError(f"num_rays is {num_rays} and parts {parts}; give at least 2 rays and 1 part")
+    deadline = _Deadline(timeout)
     target = None if target_error is None else _fraction(target_error)
     exported = export(scene)
     text = to_json(exported.document, indent=None)
@@ -81,28 +123,64 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
         options["adapter"] = adapter
     if target is not None:
         options["standard_error"] = "on"
-    with tempfile.TemporaryDirectory(prefix="nsq-gpu-") as folder:
-        decided = _decide(program, text, Path(folder), precision, adapter)
+    with tempfile.TemporaryDirectory(prefix="nsq-gpu-") as name:
+        folder = Path(name)
+        decided = _decide(program, text, folder, precision, adapter, timeout)
         arguments = [f"--{name.replace('_', '-')}={value}" for name, value in
                      {"seed": seed, "max_depth": max_depth, "of_rays": num_rays, **decided, **options}.items()]
-        with _client(client) as used, Shown(progress) as shown:
-            _check_drivers(used, binary, adapter, any_driver)
-            workers = max(len(used.scheduler_info()["workers"]), 1)
-            ranges = _Ranges(text, num_rays, parts or (4 if target is None else 16) * workers, arguments, binary)
-            counted = _Progress(shown, num_rays)
-            tallies = _sum(used, ranges, counted) if target is None else _prefix(used, ranges, counted, program, target)
-        _merge(program, tallies, text, Path(folder))
-        report = read_report(Path(folder) / "out")
+
+        # The ranges that are done; their tallies, of which the first may be a sum; the same in a single sum where it is known.
+        done: list[tuple[int, int]] = []
+        tallies: list[bytes] = []
+        sums: list[bytes] = []
+
+        def filled() -> tuple[SimulationResult, dict[str, Any]]:
+            """Fill the scene with what is done; return its result and its report."""
+            _merge(program, tallies, text, folder, [*_range(*done[0]), *arguments])
+            report = read_report(folder / "out")
+            return fill_scene(scene, report, in_folder(folder / "out", report), exported.surface_labels,
+                              report["ray_paths"] is not None), report
+
+        try:
+            with _client(client, deadline) as used, Shown(progress) as shown:
+                workers = len(used.nthreads()) or _WORKERS
+                ranges = _ranges(num_rays, parts or (4 if target is None else 16) * workers)
+                counted = _Progress(shown, num_rays)
+                calls = [(first, count, arguments, binary) for first, count in ranges]
+                with closing(_answers(used, trace_range, text, calls, program, any_driver, deadline,
+                                      in_order=target is not None)) as answers:
+                    for place, answer in answers:
+                        if isinstance(answer, NsqGpuError):
+                            raise answer
+                        done.append(ranges[place])
+                        sums = tallies = [*sums, answer]
+                        error = None
+                        if len(tallies) == (_ARITY if target is None else 2):
+                            total, report = add(program, tallies, text)
+                            sums, error = [total], report["relative_error"]
+                        counted.add(ranges[place][1], error)
+                        if target is not None and error is not None and error <= target:
+                            break
+            result, report = filled()
+        except (KeyboardInterrupt, TraceTimeoutError) as stop:
+            if not tallies:
+                raise
+            partial, _ = filled()
+            partial.partial = True
+            if isinstance(stop, KeyboardInterrupt):
+                raise Interrupted(partial) from None
+            stop.partial = partial
+            raise
         reached = report["relative_error"]
         missed = target is not None and (reached is None or reached > target)
         warn_of(report, f"nsq-gpu: the relative error is {reached}, above the target of {target}; give more rays" if missed else None)
-        return fill_scene(scene, report, in_folder(Path(folder) / "out", report), exported.surface_labels,
-                          report["ray_paths"] is not None)
+        return result
 
 
 def sweep(scene: NSQScene, numbers: Mapping[str, Sequence[float]], num_rays: int, client: Any = None, *, zip: bool = False,
           common_draws: bool = True, maps: bool = False, seed: int = 0, max_depth: int = 16, precision: str = "auto",
-          adapter: str | None = None, binary: str | None = None, any_driver: bool = False, **options: Any) -> Sweep:
+          adapter: str | None = None, binary: str | None = None, any_driver: bool = False, timeout: float | None = None,
+          **options: Any) -> Sweep:
     """Trace a scene with every combination of some numbers' values, a task each: :meth:`nsq_gpu.Session.sweep`.
 
     Each process of a worker keeps a session, so that scenes of one shape are compiled once there. Arguments are those of
@@ -110,35 +188,62 @@ def sweep(scene: NSQScene, numbers: Mapping[str, Sequence[float]], num_rays: int
 
     Raises:
         NsqGpuError: One of its subclasses, by what went wrong.
-        UsageError: The workers' drivers differ, or a number is none of the scene.
+        UsageError: A worker has another driver or build than the others, or a number is none of the scene.
+        TraceTimeoutError: The call took longer than ``timeout``; its ``partial`` is the sweep of the points that were done.
+        Interrupted: Ctrl-C ended the call; its ``partial`` likewise.
     """
+    deadline = _Deadline(timeout)
     text = to_json(export(scene).document, indent=None)
+    program = find_binary(binary)
     with tempfile.TemporaryDirectory(prefix="nsq-gpu-") as folder:
-        decided = _decide(find_binary(binary), text, Path(folder), precision, adapter)
+        decided = _decide(program, text, Path(folder), precision, adapter, timeout)
     named = {"num_rays": num_rays, "max_depth": max_depth, **decided, **options}
 
-    with _client(client) as used:
-        _check_drivers(used, binary, adapter, any_driver)
-        [shared] = used.scatter([text], broadcast=True)
-
-        def trace_all(points: list[Point]) -> Iterator[Answer]:
+    with _client(client, deadline) as used:
+        def trace_all(points: list[Point]) -> Iterator[Answer | NsqGpuError]:
             known: set[str] = set()
-            tasks = [used.submit(trace_point, shared, values, {**named, "seed": seed + index}, adapter, binary,
-                                 pure=False, retries=_RETRIES, priority=-place)
-                     for place, (values, index) in enumerate(points)]
-            with _cancelling(used, tasks):
-                for task in tasks:
-                    answer = task.result()
-                    warn_of(answer.report, answer.missed_target, known)
+            calls = [(values, {**named, "seed": seed + index}, adapter, binary) for values, index in points]
+            with closing(_answers(used, trace_point, text, calls, program, any_driver, deadline, in_order=True)) as answers:
+                for _, answer in answers:
+                    if isinstance(answer, Answer):
+                        warn_of(answer.report, answer.missed_target, known)
                     yield answer
 
         return run_points(trace_all, numbers, zip, common_draws, maps)
 
 
+def trace_range(text: str, first: int, count: int, arguments: Sequence[str], binary: str | None) -> Traced:
+    """Trace rays ``first`` to ``first + count`` of a scene's text; return the bytes of their tally."""
+    program = find_binary(binary)
+    with tempfile.TemporaryDirectory(prefix="nsq-gpu-") as name:
+        folder = Path(name)
+        (folder / "scene.json").write_text(text, encoding="utf-8")
+        try:
+            _run(folder, [program, "trace", "scene.json", *_range(first, count), *arguments, "--progress=never", "--output=out",
+                          "--no-pictures"])
+        except (UsageError, SceneError) as error:
+            # No other worker would do better: an exception would be tried again.
+            return Traced(error, _provenance(program))
+        return Traced((folder / "out" / _TALLY).read_bytes(), _provenance(program, read_report(folder / "out")))
+
+
 def trace_point(text: str, numbers: Mapping[str, float], options: Mapping[str, Any], adapter: str | None,
-                binary: str | None) -> Answer:
-    """Trace a scene's text with some numbers changed, in the session of this process."""
-    return shared_session(find_binary(binary), adapter).request(text, options, name=EXPORTED, numbers=numbers)
+                binary: str | None) -> Traced:
+    """Trace a scene's text with some numbers changed, in a session that this process keeps."""
+    program = find_binary(binary)
+    build = _provenance(program)
+    session = _session(program, adapter, build.sha256)
+    by = _provenance(program, session.hello())
+    try:
+        return Traced(session.request(text, options, name=EXPORTED, numbers=numbers), by)
+    except (UsageError, SceneError) as error:
+        return Traced(error, by)
+
+
+@functools.lru_cache(maxsize=4)
+def _session(program: str, adapter: str | None, sha256: str) -> Session:
+    """Return the session of this process on that build: a file that was replaced is started anew."""
+    return Session(adapter=adapter, binary=program)
 
 
 def _fraction(target: float | str) -> float:
@@ -152,25 +257,159 @@ def _fraction(target: float | str) -> float:
     return found
 
 
+class _Deadline:
+    """The end of a call's time, if it has one."""
+
+    def __init__(self, timeout: float | None) -> None:
+        self.timeout = timeout
+        self._start = time.monotonic()
+
+    def left(self) -> float | None:
+        """Return how much time is left [s].
+
+        Raises:
+            TraceTimeoutError: None is.
+        """
+        if self.timeout is None:
+            return None
+        left = self._start + self.timeout - time.monotonic()
+        if left <= 0.0:
+            raise self.error()
+        return left
+
+    def error(self) -> TraceTimeoutError:
+        """Return the exception that says that no time is left."""
+        return TraceTimeoutError(f"the trace took longer than timeout = {self.timeout:g} s and was ended")
+
+
 @contextmanager
-def _client(client: Any) -> Iterator[Any]:
-    """Give the client; without one, start a cluster on this machine, and end it."""
+def _client(client: Any, deadline: _Deadline) -> Iterator[Any]:
+    """Give the client; of an address, make one; without one, start a cluster on this machine, and end it."""
     distributed = _distributed()
-    if client is not None:
+    if client is None:
+        # One worker with one thread: workers in processes would share the adapter as well, and start slowly.
+        with distributed.LocalCluster(n_workers=1, threads_per_worker=1) as cluster, \
+                distributed.Client(cluster, set_as_default=False) as found:
+            yield found
+    elif isinstance(client, str):
+        with _connected(client, deadline) as found:
+            yield found
+    elif not isinstance(client, distributed.Client):
+        raise UsageError(f"client is of type {type(client).__name__}; give a dask.distributed.Client, or the address of a "
+                         "scheduler, such as tcp://127.0.0.1:8786")
+    elif client.asynchronous:
+        raise UsageError("client is asynchronous, and this call waits; give the address in its place, in a thread: "
+                         "`await asyncio.to_thread(cluster.trace, scene, num_rays, client.scheduler.address)`")
+    elif client.status in ("closing", "closed"):
+        raise UsageError("client is closed; give one that is open, or the address of the scheduler")
+    else:
         yield client
-        return
-    # One worker with one thread: workers in processes would share the adapter as well, and start slowly.
-    with distributed.LocalCluster(n_workers=1, threads_per_worker=1) as cluster, distributed.Client(cluster) as found:
-        yield found
 
 
-@contextmanager
-def _cancelling(client: Any, tasks: list[Any]) -> Iterator[None]:
-    """Cancel what is left of the tasks, whatever ends this."""
+def _connected(address: str, deadline: _Deadline) -> Any:
+    """Return a client of the scheduler at an address."""
+    import dask
+
+    left = deadline.left()
+    longest = dask.utils.parse_timedelta(dask.config.get("distributed.comm.timeouts.connect"))
+    limit = longest if left is None else min(left, longest)
+    connected: futures.Future[Any] = futures.Future()
+
+    def connect() -> None:
+        try:
+            connected.set_result(_distributed().Client(address, set_as_default=False, timeout=limit))
+        except Exception as error:
+            connected.set_exception(error)
+
+    # In a thread, since Dask waits without end for one that takes the connection and then says nothing.
+    threading.Thread(target=connect, daemon=True).start()
     try:
-        yield
+        return connected.result(limit)
+    except Exception as error:
+        deadline.left()
+        raise UsageError(f"client: no scheduler of Dask answers at {address!r}: {str(error) or f'not in {limit:g} s'}") from None
+
+
+def _answers(client: Any, task: Callable[..., Traced], text: str, calls: Sequence[tuple[Any, ...]], program: str,
+             any_driver: bool, deadline: _Deadline, in_order: bool) -> Iterator[tuple[int, Any]]:
+    """Submit calls with the scene's text; yield the place and the answer of each when it is done, or in their order.
+
+    The first calls have the highest priority. Whatever ends this cancels what is left.
+    """
+    import dask
+
+    with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"}):
+        # A long text is the result of a task: it needs no worker yet, and is computed again where it is lost. A short one
+        # goes with each task, because Dask prefers workers that have what a task takes, and would leave others idle.
+        shared = client.submit(str, text, pure=False) if len(text) > _LONG else text
+        tasks = [client.submit(task, shared, *arguments, pure=False, retries=_RETRIES, priority=-place)
+                 for place, arguments in enumerate(calls)]
+    places = {future.key: place for place, future in enumerate(tasks)}
+    checked = _Provenances(_provenance(program), any_driver)
+    try:
+        for future in tasks if in_order else _distributed().as_completed(tasks, loop=client.loop, timeout=deadline.left()):
+            traced = future.result(deadline.left())
+            checked.check(traced.by)
+            yield places[future.key], traced.answer
+    except NsqGpuError:
+        raise
+    except Exception as error:
+        if isinstance(error, TimeoutError) and deadline.timeout is not None:
+            raise deadline.error() from None
+        raise NsqGpuError(f"a task failed on the cluster: {type(error).__name__}: {error}") from error
     finally:
-        client.cancel(tasks)
+        # A scheduler that is gone has nothing to cancel.
+        with suppress(Exception):
+            client.cancel(tasks)
+
+
+class _Provenances:
+    """Refuses a program of another build than the one here, or that runs on another driver than the first."""
+
+    def __init__(self, own: Provenance, any_driver: bool) -> None:
+        self._own = own
+        self._any_driver = any_driver
+        #: The first program of each platform: files of different platforms cannot be the same.
+        self._builds = {own.platform: own}
+        self._first: Provenance | None = None
+
+    def check(self, found: Provenance) -> None:
+        """Check the program of a task.
+
+        Raises:
+            UsageError: It is another one.
+        """
+        build = self._builds.setdefault(found.platform, found)
+        for other in (self._own, build):
+            if found.version != other.version or found.platform == other.platform and found.sha256 != other.sha256:
+                raise UsageError(f"the program is another build on {found.machine} than on {other.machine} ({_build(found)}; "
+                                 f"{_build(other)}); install the same one on both")
+        if found.device is None or self._any_driver:
+            return
+        self._first = self._first or found
+        if found.device != self._first.device:
+            raise UsageError(f"the workers have different adapters or drivers ({self._first.machine}: {self._first.device}; "
+                             f"{found.machine}: {found.device}); any_driver=True takes them all the same")
+
+
+def _build(found: Provenance) -> str:
+    return f"{found.machine}: {found.program}, {found.version} for {found.platform}, SHA-256 {found.sha256[:16]}"
+
+
+def _provenance(program: str, said: Mapping[str, Any] | None = None) -> Provenance:
+    """Return what a program is, and from a report or a greeting on what it ran."""
+    status = os.stat(program)
+    version, sha256 = _identified(program, status.st_mtime_ns, status.st_size)
+    return Provenance(platform.node(), program, f"{sys.platform} {platform.machine()}", version, sha256,
+                      said and f"{said['adapter']}, {said['driver']}")
+
+
+@functools.lru_cache
+def _identified(program: str, mtime_ns: int, size: int) -> tuple[str, str]:
+    """Return the version of a program and the hash of its file, as long as the file is not another one."""
+    version = subprocess.run([program, "--version"], capture_output=True, text=True, check=True, stdin=subprocess.DEVNULL).stdout
+    with Path(program).open("rb") as stream:
+        return version.strip(), hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 class _Progress:
@@ -190,24 +429,15 @@ class _Progress:
                                  "eta_sec": (self._num_rays - self._done) / rate, "relative_error": relative_error}))
 
 
-class _Ranges:
-    """The ranges of rays of a trace, as tasks. The first have the highest priority."""
+def _ranges(num_rays: int, parts: int) -> list[tuple[int, int]]:
+    """Return the first ray and the number of rays of each range, two or more."""
+    parts = max(2, min(parts, num_rays))
+    ends = [num_rays * index // parts for index in range(parts + 1)]
+    return [(first, end - first) for first, end in itertools.pairwise(ends)]
 
-    def __init__(self, text: str, num_rays: int, parts: int, arguments: Sequence[str], binary: str | None) -> None:
-        parts = max(2, min(parts, num_rays))
-        ends = [num_rays * index // parts for index in range(parts + 1)]
-        #: The first ray and the number of rays of each.
-        self.ranges = [(first, end - first) for first, end in itertools.pairwise(ends)]
-        self.text = text
-        self.binary = binary
-        self._arguments = arguments
 
-    def submit(self, client: Any) -> tuple[Any, list[Any]]:
-        """Submit all; return the scene's text on the workers, and the tasks."""
-        [scene] = client.scatter([self.text], broadcast=True)
-        return scene, [client.submit(trace_range, scene, first, count, self._arguments, self.binary, pure=False,
-                                     retries=_RETRIES, priority=-place)
-                       for place, (first, count) in enumerate(self.ranges)]
+def _range(first: int, count: int) -> list[str]:
+    return [f"--num-rays={count}", f"--first-ray={first}"]
 
 
 def _distributed() -> Any:
@@ -218,98 +448,40 @@ def _distributed() -> Any:
     return distributed
 
 
-def _decide(program: str, text: str, folder: Path, precision: str, adapter: str | None) -> dict[str, str]:
+def _decide(program: str, text: str, folder: Path, precision: str, adapter: str | None,
+            timeout: float | None) -> dict[str, str]:
     """Return what all workers are told alike: the precision, and whether arithmetic is strict."""
     scene = folder / "scene.json"
     scene.write_text(text, encoding="utf-8")
     _run(folder, [program, "trace", scene.name, "--num-rays=1", f"--precision={precision}", "--progress=never",
-                  "--output=pilot", "--no-pictures", *([] if adapter is None else [f"--adapter={adapter}"])])
+                  "--output=pilot", "--no-pictures", *([] if adapter is None else [f"--adapter={adapter}"])], timeout)
     report = read_report(folder / "pilot")
     return {"precision": report["precision"], "strict": "on" if report["driver"].endswith(", strict") else "off"}
 
 
-def _check_drivers(client: Any, binary: str | None, adapter: str | None, any_driver: bool) -> None:
-    """Refuse workers of different drivers, since last bits may depend on them."""
-    drivers = client.run(_driver, binary, adapter)
-    if len(set(drivers.values())) > 1 and not any_driver:
-        told = "; ".join(f"{worker}: {driver}" for worker, driver in sorted(drivers.items()))
-        raise UsageError(f"the workers have different adapters or drivers ({told}); any_driver=True takes them all the same")
-
-
-def _driver(binary: str | None, adapter: str | None) -> str:
-    """Return the adapter and the driver of a worker."""
-    with Session(binary=binary, adapter=adapter) as session:
-        said = session.hello()
-    return f"{said['adapter']}, {said['driver']}, version {said['version']}"
-
-
-def _sum(client: Any, ranges: _Ranges, progress: _Progress) -> list[bytes]:
-    """Trace all ranges and sum them by a tree; return the last sums, two or more."""
-    scene, tasks = ranges.submit(client)
-    counts = {task.key: count for task, (_, count) in zip(tasks, ranges.ranges, strict=True)}
-    level, waited_for = tasks, tasks[:]
-    while len(level) > _ARITY:
-        groups = [level[index : index + _ARITY] for index in range(0, len(level), _ARITY)]
-        level = [client.submit(add, group, scene, ranges.binary, pure=False, retries=_RETRIES) if len(group) > 1 else group[0]
-                 for group in groups]
-        waited_for += level
-    with _cancelling(client, waited_for):
-        # Its own results are not kept, so that bytes of ranges stay where they are added up.
-        for task in _distributed().as_completed(tasks):
-            if task.status == "error":
-                task.result()
-            progress.add(counts[task.key])
-        return client.gather(level)
-
-
-def _prefix(client: Any, ranges: _Ranges, progress: _Progress, program: str, target: float) -> list[bytes]:
-    """Trace ranges until the first of them are as certain as the target; return their sums, two."""
-    _, tasks = ranges.submit(client)
-    with _cancelling(client, tasks):
-        total = tasks[0].result()
-        progress.add(ranges.ranges[0][1])
-        for task, (_, count) in zip(tasks[1:], ranges.ranges[1:], strict=True):
-            pair = [total, task.result()]
-            total, report = _added(program, pair, ranges.text)
-            progress.add(count, report["relative_error"])
-            if report["relative_error"] is not None and report["relative_error"] <= target:
-                break
-        return pair
-
-
-def trace_range(text: str, first: int, count: int, arguments: Sequence[str], binary: str | None) -> bytes:
-    """Trace rays ``first`` to ``first + count`` of a scene's text; return the bytes of their tally."""
-    with tempfile.TemporaryDirectory(prefix="nsq-gpu-") as name:
-        folder = Path(name)
-        (folder / "scene.json").write_text(text, encoding="utf-8")
-        _run(folder, [find_binary(binary), "trace", "scene.json", f"--num-rays={count}", f"--first-ray={first}", *arguments,
-                      "--progress=never", "--output=out", "--no-pictures"])
-        return (folder / "out" / _TALLY).read_bytes()
-
-
-def add(tallies: Sequence[bytes], text: str, binary: str | None) -> bytes:
-    """Return the bytes of the sum of tallies of disjoint rays, in whatever order."""
-    return _added(find_binary(binary), tallies, text)[0]
-
-
-def _added(program: str, tallies: Sequence[bytes], text: str) -> tuple[bytes, dict[str, Any]]:
-    """Return the bytes of the sum, and its report."""
+def add(program: str, tallies: Sequence[bytes], text: str) -> tuple[bytes, dict[str, Any]]:
+    """Return the bytes of the sum of tallies of disjoint rays, in whatever order, and its report."""
     with tempfile.TemporaryDirectory(prefix="nsq-gpu-") as name:
         folder = Path(name)
         _merge(program, tallies, text, folder)
         return (folder / "out" / _TALLY).read_bytes(), read_report(folder / "out")
 
 
-def _merge(program: str, tallies: Sequence[bytes], text: str, folder: Path) -> None:
+def _merge(program: str, tallies: Sequence[bytes], text: str, folder: Path, arguments: Sequence[str] = ()) -> None:
+    """Write the result of tallies; one alone is a trace, of those arguments, that is done."""
     (folder / "scene.json").write_text(text, encoding="utf-8")
     files = [f"{index}.bin" for index in range(len(tallies))]
     for file, tally in zip(files, tallies, strict=True):
         (folder / file).write_bytes(tally)
-    _run(folder, [program, "merge", *files, "--scene=scene.json", "--output=out", "--no-pictures"])
+    if len(files) > 1:
+        command = ["merge", *files, "--scene=scene.json"]
+    else:
+        command = ["trace", "scene.json", f"--resume={files[0]}", "--progress=never", *arguments]
+    _run(folder, [program, *command, "--output=out", "--no-pictures"])
 
 
-def _run(folder: Path, command: Sequence[str]) -> None:
+def _run(folder: Path, command: Sequence[str], timeout: float | None = None) -> None:
     """Run the program in a folder: results hold the names of files, which must not depend on where the folder is."""
     command = [os.path.abspath(command[0]), *command[1:]]
-    run([*command, "--watch-stdin"] if command[1] == "trace" else command, folder=str(folder))
+    run([*command, "--watch-stdin"] if command[1] == "trace" else command, timeout, folder=str(folder))
 

@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
+import gc
 import os
 import random
 import signal
+import socket
+import subprocess
+import sys
+import threading
 import time
-from collections.abc import Iterator
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import nsq_gpu
@@ -18,7 +29,10 @@ from tests import live
 from tests.test_session import session, singlet
 
 distributed = pytest.importorskip("distributed", reason="Dask is not installed")
+dask = pytest.importorskip("dask")
+posix_only = pytest.mark.skipif(os.name == "nt", reason="signals and scripts are POSIX's")
 NUM_RAYS = 50_000
+RADII = {"L.r1": [50.0, 60.0, 70.0]}
 
 
 @pytest.fixture(scope="module")
@@ -27,11 +41,54 @@ def expected() -> bytes:
         return one.trace(singlet(), NUM_RAYS, strict="on").detectors["image"].irradiance.tobytes()
 
 
+@contextmanager
+def local_cluster(workers: int) -> Iterator[Any]:
+    """Give a cluster of threads, and wait nowhere longer than a second for it."""
+    limits = {"distributed.comm.timeouts.connect": "1s", "distributed.adaptive.interval": "100ms"}
+    with dask.config.set(limits), distributed.LocalCluster(n_workers=workers, threads_per_worker=1, processes=False,
+                                                           dashboard_address=None) as local:
+        yield local
+
+
 @pytest.fixture
 def client() -> Iterator[Any]:
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None) as local, \
-            distributed.Client(local) as found:
+    with local_cluster(2) as local, distributed.Client(local) as found:
         yield found
+
+
+@pytest.fixture
+def one_worker() -> Iterator[Any]:
+    """Give a client of a cluster that does task by task, in their order."""
+    with local_cluster(1) as local, distributed.Client(local) as found:
+        yield found
+
+
+def traced(client: Any, parts: int | None = None, **options: Any) -> Any:
+    return cluster.trace(options.pop("scene", singlet()), NUM_RAYS, client, parts,
+                         **{"precision": "f64", "binary": live.binary(), **options})
+
+
+def swept(client: Any, **options: Any) -> Any:
+    return cluster.sweep(singlet(), RADII, 1000, client, **{"precision": "f64", "binary": live.binary(), **options})
+
+
+def bits(result: Any) -> bytes:
+    return result.detectors["image"].irradiance.tobytes()
+
+
+def bits_of_the_first(rays: int) -> bytes:
+    with session() as one:
+        return bits(one.trace(singlet(), rays, strict="on"))
+
+
+def tasks_left(client: Any) -> int:
+    """Return how many tasks a cluster still knows, some time after they were cancelled."""
+    deadline = time.monotonic() + 10
+    while left := len(client.run_on_scheduler(lambda dask_scheduler: list(dask_scheduler.tasks))):
+        if time.monotonic() > deadline:
+            break
+        time.sleep(0.05)
+    return left
 
 
 @pytest.mark.parametrize("parts", [1, 2, 3, 7, 20])
@@ -64,23 +121,16 @@ def test_ranges_add_up_in_any_order() -> None:
     text = to_json(export(singlet()).document, indent=None)
     options = [f"--of-rays={NUM_RAYS}", "--precision=f64", "--strict=on"]
     ends = [0, 10_000, 12_345, 40_000, NUM_RAYS]
-    tallies = [cluster.trace_range(text, first, end - first, options, live.binary())
+    tallies = [cluster.trace_range(text, first, end - first, options, live.binary()).answer
                for first, end in zip(ends, ends[1:], strict=False)]
-    again = cluster.trace_range(text, ends[1], ends[2] - ends[1], options, live.binary())
+    again = cluster.trace_range(text, ends[1], ends[2] - ends[1], options, live.binary()).answer
     assert again == tallies[1], "a task that is run twice gives the same bytes"
     sums = set()
     for seed in range(3):
         random.Random(seed).shuffle(tallies)
-        left, right = tallies[:2], tallies[2:]
-        sums.add(cluster.add([cluster.add(left, text, live.binary()), cluster.add(right, text, live.binary())], text,
-                             live.binary()))
+        halves = [cluster.add(live.binary(), half, text)[0] for half in (tallies[:2], tallies[2:])]
+        sums.add(cluster.add(live.binary(), halves, text)[0])
     assert len(sums) == 1
-
-
-def test_workers_of_different_drivers_are_refused(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cluster, "_driver", lambda binary, adapter, dask_worker=None: str(dask_worker.name))
-    with pytest.raises(cluster.UsageError, match="different adapters or drivers .*any_driver"):
-        cluster.trace(singlet(), NUM_RAYS, client, precision="f64", binary=live.binary())
 
 
 def test_an_error_of_a_task_is_the_callers(client: Any) -> None:
@@ -111,18 +161,6 @@ def test_progress_counts_every_ray_once(client: Any) -> None:
     assert len(seen) == 5
     assert seen == sorted(seen)
     assert seen[-1] == NUM_RAYS
-
-
-def test_what_ends_the_call_cancels_the_ranges(client: Any) -> None:
-    def stop(done: int, num_rays: int, rate: float) -> None:
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        cluster.trace(singlet(), NUM_RAYS, client, 30, precision="f64", binary=live.binary(), progress=stop)
-    deadline = time.monotonic() + 30
-    while any(client.processing().values()) and time.monotonic() < deadline:
-        time.sleep(0.1)
-    assert not any(client.processing().values())
 
 
 def test_a_target_error_ends_at_a_prefix_that_has_the_bits_of_so_many_rays(client: Any) -> None:
@@ -169,3 +207,311 @@ def test_a_sweep_on_a_cluster_is_that_of_a_session(client: Any) -> None:
 def test_a_number_of_nothing_is_refused_by_name(client: Any) -> None:
     with pytest.raises(cluster.NsqGpuError, match="did you mean `r1`"):
         cluster.sweep(singlet(), {"L.r3": [1.0]}, 1000, client, precision="f64", binary=live.binary())
+
+
+# Workers that are not there yet
+
+
+@pytest.mark.parametrize("address", [False, True])
+def test_workers_may_come_later_than_any_limit_of_dask(address: bool, expected: bytes) -> None:
+    # An address in the place of a client is as good.
+    with local_cluster(0) as local, distributed.Client(local, timeout=1) as client:
+        late = threading.Timer(3.0, lambda: local.scale(1))
+        late.start()
+        given = local.scheduler.address if address else client
+        assert bits(traced(given, 3)) == expected
+        late.join()
+        assert tasks_left(client) == 0
+        assert len(client.run_on_scheduler(lambda dask_scheduler: list(dask_scheduler.clients))) == 2, "its own is closed"
+        assert distributed.default_client() is client
+
+
+def test_a_sweep_waits_for_workers() -> None:
+    with local_cluster(0) as local, distributed.Client(local, timeout=1) as client:
+        late = threading.Timer(3.0, lambda: local.scale(1))
+        late.start()
+        assert np.isfinite(swept(client).flux["image"]).all()
+        late.join()
+
+
+def test_an_adaptive_cluster_may_begin_with_none(expected: bytes) -> None:
+    with local_cluster(0) as local, distributed.Client(local, timeout=1) as client:
+        local.adapt(minimum=0, maximum=2)
+        seen: list[int] = []
+        assert bits(traced(client, progress=lambda done, num_rays, rate: seen.append(done))) == expected
+        assert len(seen) == 32, "ranges of eight workers"
+        assert np.isfinite(swept(client).flux["image"]).all()
+
+
+@pytest.mark.parametrize("call", [traced, swept])
+def test_a_timeout_holds_while_no_worker_comes(call: Callable[..., Any]) -> None:
+    with local_cluster(0) as local, distributed.Client(local, timeout=1) as client:
+        start = time.monotonic()
+        with pytest.raises(nsq_gpu.TraceTimeoutError, match="timeout = 2 s") as caught:
+            call(client, timeout=2)
+        assert 2.0 <= time.monotonic() - start < 4.0
+        assert caught.value.partial is None
+        assert tasks_left(client) == 0
+
+
+def test_a_long_text_is_sent_once(client: Any, expected: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cluster, "_LONG", 0)
+    with dask.config.set({"distributed.admin.large-graph-warning-threshold": 1}), warnings.catch_warnings():
+        warnings.filterwarnings("error", "Sending large graph")
+        assert bits(traced(client, 4)) == expected
+    assert tasks_left(client) == 0
+
+
+# Clients
+
+
+def test_an_asynchronous_client_is_refused_by_name() -> None:
+    async def inside() -> Any:
+        async with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None,
+                                            asynchronous=True) as local, \
+                distributed.Client(local, asynchronous=True) as client:
+            for call in (traced, swept):
+                with pytest.raises(cluster.UsageError, match="client is asynchronous.*asyncio.to_thread.*scheduler.address"):
+                    call(client)
+            # What the message says to do.
+            return await asyncio.to_thread(traced, client.scheduler.address, 2)
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        assert asyncio.run(inside()).num_rays_total == NUM_RAYS
+        gc.collect()
+    assert not [warning for warning in caught if "never awaited" in str(warning.message)]
+
+
+@pytest.mark.parametrize("given", ["tcp://127.0.0.1:1", "tcp://nowhere", "silent"])
+def test_an_address_where_nothing_answers_is_refused_by_name(given: str) -> None:
+    # Dask itself waits without end for an answer of one that takes the connection.
+    with socket.create_server(("127.0.0.1", 0)) as silent, dask.config.set({"distributed.comm.timeouts.connect": "2s"}):
+        address = f"tcp://127.0.0.1:{silent.getsockname()[1]}" if given == "silent" else given
+        start = time.monotonic()
+        with pytest.raises(cluster.UsageError, match=f"no scheduler of Dask answers at '{address}'"):
+            traced(address)
+        if given != "tcp://nowhere":
+            with pytest.raises(nsq_gpu.TraceTimeoutError):
+                traced(address, timeout=1)
+        assert time.monotonic() - start < 6.0
+
+
+def test_what_is_no_client_is_refused_by_name(client: Any) -> None:
+    for other, name in ((client.cluster, "LocalCluster"), (object(), "object"), (3, "int")):
+        with pytest.raises(cluster.UsageError, match=f"client is of type {name}; give a dask.distributed.Client"):
+            traced(other)
+    client.close()
+    for call in (traced, swept):
+        with pytest.raises(cluster.UsageError, match="client is closed"):
+            call(client)
+
+
+# Drivers and builds
+
+
+@pytest.fixture
+def other_drivers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Give each worker a driver of its own name."""
+    found = cluster._provenance
+
+    def renamed(program: str, said: Any = None) -> cluster.Provenance:
+        return found(program, said and said | {"driver": str(distributed.get_worker().name)})
+
+    monkeypatch.setattr(cluster, "_provenance", renamed)
+
+
+@pytest.mark.usefixtures("other_drivers")
+def test_workers_of_different_drivers_are_refused(client: Any, expected: bytes) -> None:
+    for call in (traced, swept):
+        with pytest.raises(cluster.UsageError, match=r"different adapters or drivers \(.*, [01]; .*, [01]\); any_driver=True"):
+            call(client)
+    assert bits(traced(client, any_driver=True)) == expected
+    assert np.isfinite(swept(client, any_driver=True).flux["image"]).all()
+
+
+@contextmanager
+def worker_of(address: str, program: Path) -> Iterator[Any]:
+    """Give a worker, a process of its own, that finds this program."""
+    command = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads=1", "--no-dashboard", "--no-nanny"]
+    worker = subprocess.Popen(command, env={**os.environ, "NSQ_GPU_BINARY": str(program)}, stderr=subprocess.DEVNULL)
+    try:
+        yield worker
+    finally:
+        worker.kill()
+        worker.wait()
+
+
+def script(path: Path, *lines: str) -> Path:
+    """Write a program that ends as the program under test."""
+    path.write_text("\n".join(["#!/bin/sh", *lines, f'exec {live.binary()} "$@"']) + "\n")
+    path.chmod(0o755)
+    return path
+
+
+@posix_only
+@pytest.mark.parametrize("call", ["trace", "sweep"])
+def test_a_worker_of_another_build_that_comes_late_is_refused(call: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NSQ_GPU_BINARY", live.binary())
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None,
+                                  host="127.0.0.1", protocol="tcp") as local, distributed.Client(local) as client, \
+            contextlib.ExitStack() as stack:
+        def late(*_: Any) -> None:
+            if len(client.nthreads()) == 1:
+                stack.enter_context(worker_of(local.scheduler.address, script(tmp_path / "other")))
+                client.wait_for_workers(2, timeout=30)
+
+        with pytest.raises(cluster.UsageError, match=f"the program is another build .*{tmp_path / 'other'}, .*SHA-256"):
+            if call == "trace":
+                traced(client, 40, binary=None, any_driver=True, progress=late)
+            else:
+                late()
+                cluster.sweep(singlet(), {"L.r1": np.linspace(50, 60, 40)}, 1000, client, precision="f64", any_driver=True)
+        assert tasks_left(client) == 0
+
+
+def test_builds_of_one_platform_are_one_file_and_all_have_one_version() -> None:
+    def build(machine: str, platform: str = "linux x86_64", version: str = "nsq-gpu 1.0.0", sha256: str = "a") -> cluster.Provenance:
+        return cluster.Provenance(machine, "nsq-gpu", platform, version, sha256)
+
+    def check(*found: cluster.Provenance) -> None:
+        checked = cluster._Provenances(build("here"), any_driver=True)
+        for one in found:
+            checked.check(one)
+
+    check(build("a"), build("b"), build("c", "win32 AMD64", sha256="b"), build("d", "win32 AMD64", sha256="b"))
+    for wrong in ([build("b", sha256="c")], [build("b", "win32 AMD64", "nsq-gpu 1.0.1")],
+                  [build("a", "win32 AMD64", sha256="b"), build("b", "win32 AMD64", sha256="c")]):
+        with pytest.raises(cluster.UsageError, match="another build on b than on"):
+            check(*wrong)
+
+
+@posix_only
+def test_a_program_that_was_replaced_is_hashed_and_started_anew(tmp_path: Path) -> None:
+    text = to_json(export(singlet()).document, indent=None)
+    program = script(tmp_path / "program")
+    first = cluster.trace_point(text, {}, {"num_rays": 100}, None, str(program))
+    script(program, f"touch {tmp_path / 'started'}")
+    second = cluster.trace_point(text, {}, {"num_rays": 100}, None, str(program))
+    assert first.by.sha256 != second.by.sha256
+    assert (tmp_path / "started").exists()
+
+
+# What is done is kept
+
+
+@pytest.mark.parametrize(("how", "ranges"), [("ctrl-c", 1), ("ctrl-c", 3), ("ctrl-c", 12), ("timeout", 2)])
+def test_what_ends_the_call_keeps_the_ranges_that_are_done(one_worker: Any, ranges: int, how: str) -> None:
+    told: list[int] = []
+
+    def stop(done: int, num_rays: int, rate: float) -> None:
+        told.append(done)
+        if len(told) == ranges:
+            if how == "ctrl-c":
+                raise KeyboardInterrupt
+            time.sleep(5.0)
+
+    scene = singlet()
+    with pytest.raises(nsq_gpu.Interrupted if how == "ctrl-c" else nsq_gpu.TraceTimeoutError) as caught:
+        traced(one_worker, 50, scene=scene, progress=stop, timeout=5.0 if how == "timeout" else None, record_paths=True)
+    partial = caught.value.partial
+    assert partial.partial is True
+    assert partial.num_rays_total == ranges * 1000
+    assert set(partial.ray_paths["events"]["ray_id"]) == set(range(ranges * 1000))
+    assert bits(partial) == bits_of_the_first(ranges * 1000)
+    assert scene.detectors[0].get_result().irradiance.tobytes() == bits(partial)
+    assert tasks_left(one_worker) == 0
+
+
+def test_ctrl_c_before_anything_is_done_is_python_s(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cluster._Provenances, "check", interrupted)
+    with pytest.raises(KeyboardInterrupt) as caught:
+        traced(client)
+    assert caught.type is KeyboardInterrupt
+    assert tasks_left(client) == 0
+
+
+def test_with_a_target_error_the_prefix_is_kept(client: Any) -> None:
+    def stop(done: int, num_rays: int, rate: float) -> None:
+        if done == 4000:
+            raise KeyboardInterrupt
+
+    with pytest.raises(nsq_gpu.Interrupted) as caught:
+        traced(client, 50, target_error=1e-4, progress=stop)
+    assert caught.value.partial.partial is True
+    assert bits(caught.value.partial) == bits_of_the_first(4000)
+
+
+@posix_only
+def test_ctrl_c_that_ends_the_workers_too_loses_nothing(tmp_path: Path) -> None:
+    # As in a terminal and in a notebook: the signal goes to all processes.
+    (tmp_path / "main.py").write_text(f"""
+import os, signal, time
+import nsq_gpu
+from nsq_gpu import cluster
+from tests.test_session import singlet
+
+def stop(done, num_rays, rate):
+    if done == 3000:
+        os.killpg(0, signal.SIGINT)
+        time.sleep(2)
+
+if __name__ == "__main__":
+    try:
+        cluster.trace(singlet(), 50_000, parts=50, precision="f64", binary={live.binary()!r}, progress=stop)
+    except nsq_gpu.Interrupted as found:
+        print("kept", found.partial.num_rays_total)
+""")
+    found = subprocess.run([sys.executable, tmp_path / "main.py"], capture_output=True, text=True, start_new_session=True,
+                           env={**os.environ, "PYTHONPATH": str(live.ROOT / "python")}, timeout=60)
+    assert found.stdout == "kept 3000\n", found.stderr
+
+
+def test_a_sweep_that_ends_early_keeps_its_points(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    checked: list[Any] = []
+
+    def interrupt(self: Any, found: cluster.Provenance) -> None:
+        checked.append(found)
+        if len(checked) == 3:
+            raise error
+
+    monkeypatch.setattr(cluster._Provenances, "check", interrupt)
+    for error in (KeyboardInterrupt(), nsq_gpu.TraceTimeoutError("timeout")):
+        checked.clear()
+        with pytest.raises((nsq_gpu.Interrupted, nsq_gpu.TraceTimeoutError)) as caught:
+            swept(client)
+        assert caught.value.partial.partial is True
+        assert np.isfinite(caught.value.partial.flux["image"]).tolist() == [True, True, False]
+        assert tasks_left(client) == 0
+
+
+def test_points_that_are_refused_do_not_end_a_sweep(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    found: list[Any] = []
+    points = [{"L.r1": 50.0}, {"L.r1": 0.5}, {"L.r1": 60.0}]
+    monkeypatch.setattr(cluster, "run_points", lambda trace_all, *_: found.extend(trace_all([(point, 0) for point in points])))
+    swept(client)
+    assert [type(answer).__name__ for answer in found] == ["Answer", "SceneError", "Answer"]
+
+
+# Workers that are lost
+
+
+@posix_only
+def test_a_task_that_ends_its_workers_is_an_error_of_ours(tmp_path: Path) -> None:
+    deadly = script(tmp_path / "deadly", f'[ $PPID = {os.getpid()} ] || kill -9 $PPID')
+    with dask.config.set({"distributed.scheduler.allowed-failures": 0}), \
+            distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as local, \
+            distributed.Client(local) as client, pytest.raises(cluster.NsqGpuError, match="failed on the cluster: KilledWorker"):
+        traced(client, 2, binary=str(deadly))
+
+
+def test_a_scheduler_that_ends_is_an_error_of_ours(one_worker: Any) -> None:
+    def close(done: int, num_rays: int, rate: float) -> None:
+        if done == 1000:
+            one_worker.cluster.close()
+
+    with pytest.raises(cluster.NsqGpuError, match="failed on the cluster: .*Cancelled"):
+        traced(one_worker, 50, progress=close)
