@@ -14,9 +14,10 @@ import numpy as np
 from optiland.nonsequential import NSQScene
 
 from nsq_gpu.binary import find_binary
-from nsq_gpu.errors import NsqGpuWarning, SceneError, warn
+from nsq_gpu.errors import Interrupted, NsqGpuError, NsqGpuWarning, SceneError, TraceTimeoutError, warn
 from nsq_gpu.export import export, to_json
 from nsq_gpu.process import ProgressCallback, Shown, run
+from nsq_gpu.session import numbers_of_rays
 
 Json = dict[str, Any]
 
@@ -62,6 +63,8 @@ class Difference:
     surfaces: dict[str, FluxDifference]
     #: The command's report, as it stands in ``report.json``.
     report: Json
+    #: True if the traces were stopped. The difference is then of the rays that both scenes had traced.
+    partial: bool = False
 
     @property
     def num_rays(self) -> int:
@@ -104,28 +107,48 @@ def diff(a: NSQScene | str | os.PathLike[str], b: NSQScene | str | os.PathLike[s
 
     Raises:
         NsqGpuError: One of its subclasses, by what went wrong.
+        Interrupted: Ctrl-C ended the traces; ``partial`` is the difference of the rays that both scenes had traced. So it
+            is with TraceTimeoutError.
     """
     program = find_binary(binary)
     with tempfile.TemporaryDirectory(prefix="nsq-gpu-") as name:
         folder = Path(name)
         files = [_file(scene, folder, side) for side, scene in (("A", a), ("B", b))]
-        options = {"num-rays": int(num_rays), "seed": int(seed), "max-depth": int(max_depth), "precision": precision,
-                   "sampler": sampler, "where": where, "adapter": adapter, "progress": "json" if progress else "never"}
+        numbers = {name.replace("_", "-"): value for name, value in numbers_of_rays(num_rays, seed, max_depth).items()}
+        options = {**numbers, "precision": precision, "sampler": sampler, "where": where, "adapter": adapter, "progress": "json" if progress else "never"}
         command = [program, "diff", *files, *(f"--{key}={value}" for key, value in options.items() if value is not None),
                    f"--output={folder / 'out'}", "--no-pictures", "--watch-stdin"]
         try:
             with Shown(progress) as shown:
-                run(command, timeout, shown)
+                run(command, timeout, shown, keeps=True)
         except SceneError as error:
             said = str(error)
             for side in "AB":
                 said = said.replace(f"{folder / side}.json: ", f"the exported scene {side}: ")
             raise SceneError(said, stderr=error.stderr) from None
-        report = json.loads((folder / "out" / "report.json").read_text(encoding="utf-8"))
-        for warning in report["scene_warnings"]:
-            warn(warning, NsqGpuWarning)
-        detectors = {key: _detector(entry, folder / "out") for key, entry in report["detectors"].items()}
-    return Difference(detectors, _fluxes(report["totals"]), _fluxes(report["surfaces"]), report)
+        except TraceTimeoutError as error:
+            error.partial = _read(folder / "out")
+            raise
+        except KeyboardInterrupt as stop:
+            partial = _read(folder / "out")
+            if partial is None:
+                raise
+            raise Interrupted(partial) from stop
+        found = _read(folder / "out")
+    if found is None:
+        raise NsqGpuError(f"{program} ended without an error, and without a result: is it nsq-gpu?")
+    return found
+
+
+def _read(folder: Path) -> Difference | None:
+    """Return the difference in a folder of results; None where there is none."""
+    if not (folder / "report.json").exists():
+        return None
+    report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+    for warning in report["scene_warnings"]:
+        warn(warning, NsqGpuWarning)
+    detectors = {key: _detector(entry, folder) for key, entry in report["detectors"].items()}
+    return Difference(detectors, _fluxes(report["totals"]), _fluxes(report["surfaces"]), report, report["partial"])
 
 
 def _file(scene: NSQScene | str | os.PathLike[str], folder: Path, side: str) -> str:

@@ -19,6 +19,8 @@ class NsqGpuError(RuntimeError):
 
     #: Exit code of the command.
     exit_code: int | None = None
+    #: What was computed before, as the call would have returned it, with ``partial`` set; None where nothing was.
+    partial: Any = None
 
     def __init__(self, message: str, exit_code: int | None = None, stderr: str = "") -> None:
         super().__init__(message)
@@ -57,9 +59,6 @@ class DeviceError(NsqGpuError):
 
 class TraceTimeoutError(NsqGpuError, TimeoutError):
     """The trace took longer than ``timeout`` and was ended."""
-
-    #: What was computed before, as the call would have returned it, with ``partial`` set; None where nothing was.
-    partial: Any = None
 
 
 class Interrupted(KeyboardInterrupt):

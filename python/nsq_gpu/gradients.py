@@ -14,7 +14,7 @@ from optiland.nonsequential import NSQScene
 from nsq_gpu.binary import find_binary
 from nsq_gpu.errors import ResultWarning, UsageError, warn
 from nsq_gpu.export import export, to_json
-from nsq_gpu.session import EXPORTED, Answer, shared_session
+from nsq_gpu.session import EXPORTED, Answer, numbers_of_rays, shared_session
 from nsq_gpu.results import warn_of
 
 #: The array of a detector's map, by its kind.
@@ -49,6 +49,8 @@ class Jacobian:
     maps: dict[str, np.ndarray]
     #: The report of the trace.
     report: dict[str, Any]
+    #: True if the trace was stopped. Derivatives are of the rays that were traced, and some may be missing.
+    partial: bool = False
 
     def __getitem__(self, names: tuple[str, str]) -> Derivative:
         return self.derivatives[names]
@@ -60,7 +62,7 @@ class Jacobian:
         return "\n".join(lines)
 
 
-def jacobian(scene: NSQScene | str | os.PathLike[str], parameters: Sequence[str], num_rays: int, *, seed: int = 0,
+def jacobian(scene: NSQScene | str | os.PathLike[str], parameters: str | Sequence[str], num_rays: int, *, seed: int = 0,
              max_depth: int = 16, precision: str = "auto", adapter: str | None = None,
              binary: str | os.PathLike[str] | None = None, timeout: float | None = None) -> Jacobian:
     """Differentiate what all detectors record by numbers of a scene.
@@ -73,7 +75,7 @@ def jacobian(scene: NSQScene | str | os.PathLike[str], parameters: Sequence[str]
 
     Args:
         scene: The live scene, or its file.
-        parameters: Names of numbers, as in :meth:`nsq_gpu.Session.sweep`: ``L1.r1``, ``L1.z``, ``lamp.total_flux``.
+        parameters: Names of numbers, or one name, as in :meth:`nsq_gpu.Session.sweep`: ``L1.r1``, ``lamp.total_flux``.
         num_rays: Rays to launch.
         seed: Seed of the draws.
         max_depth: Largest number of events of a ray.
@@ -85,13 +87,13 @@ def jacobian(scene: NSQScene | str | os.PathLike[str], parameters: Sequence[str]
     Raises:
         UsageError: A name of nothing, or a number by which nothing can be differentiated.
         NsqGpuError: One of its other subclasses, by what went wrong.
+        Interrupted: Ctrl-C ended the trace; ``partial`` is the Jacobian of the rays that were traced. So it is with
+            TraceTimeoutError.
     """
     names, text, where = _asked(scene, parameters)
     session = shared_session(find_binary(binary), adapter)
-    options = {"num_rays": int(num_rays), "seed": int(seed), "max_depth": int(max_depth), "precision": precision}
-    answer = session.request(text, options, timeout=timeout, gradient=names, **where)
-    warn_of(answer.report, answer.missed_target)
-    return of_answer(answer)
+    options = numbers_of_rays(num_rays, seed, max_depth) | {"precision": precision}
+    return session.kept(text, options, of_answer, timeout=timeout, gradient=names, **where)
 
 
 class LossGradient(dict[str, float]):
@@ -101,7 +103,7 @@ class LossGradient(dict[str, float]):
     why_forward: str | None = None
 
 
-def loss_gradient(scene: NSQScene | str | os.PathLike[str], parameters: Sequence[str],
+def loss_gradient(scene: NSQScene | str | os.PathLike[str], parameters: str | Sequence[str],
                   adjoints: Mapping[str, np.ndarray], num_rays: int, *, seed: int = 0, max_depth: int = 16,
                   precision: str = "auto", adapter: str | None = None, binary: str | os.PathLike[str] | None = None,
                   timeout: float | None = None) -> LossGradient:
@@ -137,7 +139,7 @@ def loss_gradient(scene: NSQScene | str | os.PathLike[str], parameters: Sequence
     """
     names, text, where = _asked(scene, parameters)
     session = shared_session(find_binary(binary), adapter)
-    options = {"num_rays": int(num_rays), "seed": int(seed), "max_depth": int(max_depth), "precision": precision}
+    options = numbers_of_rays(num_rays, seed, max_depth) | {"precision": precision}
     answer = session.loss_gradient(text, options, names, adjoints, timeout=timeout, **where)
     warn_of_lost(answer["num_lost"])
     found = LossGradient(zip(names, answer["values"], strict=True))
@@ -152,9 +154,9 @@ def warn_of_lost(num_lost: int) -> None:
 
 
 def _asked(scene: NSQScene | str | os.PathLike[str],
-           parameters: Sequence[str]) -> tuple[list[str], str, dict[str, str | None]]:
+           parameters: str | Sequence[str]) -> tuple[list[str], str, dict[str, str | None]]:
     """Return names of parameters, the text of a scene, and what errors call the scene and where its files are."""
-    names = list(parameters)
+    names = [parameters] if isinstance(parameters, str) else list(parameters)
     if not names:
         raise UsageError('name a parameter, such as "L1.r1"')
     if isinstance(scene, NSQScene):
@@ -163,8 +165,9 @@ def _asked(scene: NSQScene | str | os.PathLike[str],
     return names, path.read_text(encoding="utf-8"), {"name": str(path), "folder": str(path.parent.resolve())}
 
 
-def of_answer(answer: Answer) -> Jacobian:
+def of_answer(answer: Answer, partial: bool = False) -> Jacobian:
     """Return the derivatives of a session's answer."""
+    warn_of(answer.report, answer.missed_target)
     arrays = answer.arrays(None)
     derivatives = {}
     for row in answer.report["gradients"]:
@@ -177,4 +180,4 @@ def of_answer(answer: Answer) -> Jacobian:
             row["flux"], np.nan if error is None else error, arrays.get(name), arrays.get(f"{name}/standard_error"))
     maps = {name: answer.arrays(name)[MAPS[entry["kind"]]]
             for name, entry in answer.report["detectors"].items() if entry["kind"] in MAPS}
-    return Jacobian(derivatives, maps, answer.report)
+    return Jacobian(derivatives, maps, answer.report, partial)

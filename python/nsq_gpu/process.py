@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import queue
+import signal
 import subprocess
 import sys
 import threading
@@ -12,7 +14,7 @@ from collections.abc import Callable, Sequence
 from concurrent import futures
 from typing import IO, Any
 
-from nsq_gpu.errors import TraceTimeoutError, error_of
+from nsq_gpu.errors import NsqGpuError, TraceTimeoutError, error_of
 
 #: Called with the rays done, the rays in all, and the rays per second.
 ProgressCallback = Callable[[int, int, float], None]
@@ -34,12 +36,31 @@ class Update:
 _TICK = 0.1
 
 
+#: How long a command that was stopped may take to write what it has [s].
+_GRACE = 3.0
+
+
+#: Why nothing is traced when Python ends: threads that would listen no longer run.
+ENDING = "Python is ending, and traces nothing any more; trace before the end of the script"
+
+
+def check_not_ending() -> None:
+    """Refuse a trace that begins when Python ends, such as in ``__del__``: it would wait for ever.
+
+    Raises:
+        NsqGpuError: Python is ending.
+    """
+    if sys.is_finalizing():
+        raise NsqGpuError(ENDING)
+
+
 def run(command: Sequence[str], timeout: float | None = None, progress: Shown | None = None,
-        accepted: Sequence[int] = (0,), folder: str | None = None) -> tuple[int, str]:
+        accepted: Sequence[int] = (0,), folder: str | None = None, keeps: bool = False) -> tuple[int, str]:
     """Run a command, in ``folder`` if one is given; what it writes to stderr goes to the exception if it fails.
 
     Returns the exit code, one of those ``accepted``, and what was said. Whatever ends the call early, a timeout, Ctrl-C
-    or an exception of the callback, ends the child first. And the child's stdin is a pipe that this process holds: what
+    or an exception of the callback, ends the child first. With ``keeps`` the child is asked to stop, as by Ctrl-C, and
+    has a moment to write what it has. And the child's stdin is a pipe that this process holds: what
     ends the process, be it SIGKILL, closes the pipe, and the command ends with it.
 
     Raises:
@@ -49,13 +70,16 @@ def run(command: Sequence[str], timeout: float | None = None, progress: Shown | 
     # Ctrl-C interrupts the main thread wherever it is. Were that inside Popen, nobody would hold the child: another
     # thread starts it.
     starting: futures.Future[subprocess.Popen[str]] = futures.Future()
+    check_not_ending()
     try:
-        threading.Thread(target=_start, args=(command, folder, starting), daemon=True).start()
+        threading.Thread(target=_start, args=(command, folder, starting, keeps), daemon=True).start()
         child = starting.result()
         said = _listen(child, timeout, progress)
         code = _end(child)
     except BaseException:
         if not starting.cancel() and starting.exception() is None:
+            if keeps:
+                _stop(starting.result())
             starting.result().kill()
             _end(starting.result())
         raise
@@ -65,13 +89,25 @@ def run(command: Sequence[str], timeout: float | None = None, progress: Shown | 
     return code, text
 
 
-def _start(command: Sequence[str], folder: str | None, starting: futures.Future[subprocess.Popen[str]]) -> None:
+def _stop(child: subprocess.Popen[str]) -> None:
+    """Ask a child to stop, as by Ctrl-C, and wait a moment for its end."""
+    child.send_signal(signal.SIGINT if os.name != "nt" else signal.SIGTERM)
+    try:
+        child.wait(_GRACE)
+    except subprocess.TimeoutExpired:
+        pass
+
+
+def _start(command: Sequence[str], folder: str | None, starting: futures.Future[subprocess.Popen[str]],
+           is_apart: bool) -> None:
     if not starting.set_running_or_notify_cancel():
         return
     try:
         starting.set_result(subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
             encoding="utf-8", errors="replace", cwd=folder,
+            # A terminal's Ctrl-C is for this process, which stops the child; twice would end the child at once.
+            start_new_session=is_apart and os.name != "nt",
         ))
     except BaseException as error:
         starting.set_exception(error)

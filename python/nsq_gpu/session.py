@@ -20,8 +20,10 @@ from optiland.nonsequential import NSQScene
 from optiland.nonsequential.tracer import SimulationResult
 
 from nsq_gpu.binary import find_binary
-from nsq_gpu.errors import NsqGpuError, TraceTimeoutError, UsageError, error_of
+from nsq_gpu.errors import Interrupted, NsqGpuError, SceneError, TraceTimeoutError, UsageError, error_of
 from nsq_gpu.export import export, to_json
+from nsq_gpu.export.values import whole_number
+from nsq_gpu.process import ENDING, check_not_ending
 from nsq_gpu.results import check_paths, fill_scene, warn_of
 from nsq_gpu.sweeps import Point, Sweep, run
 
@@ -36,8 +38,10 @@ EXPORTED = "the exported scene"
 _FRAME = struct.Struct("<IQ")
 #: Longest time between two looks at the clock, and so at Ctrl-C on systems where a wait hides it [s].
 _TICK = 0.1
-#: How long a trace that was cancelled may take to say so before its process is ended [s].
+#: How long a trace that was stopped may take to say so before its process is ended [s].
 _GRACE = 3.0
+#: A message: a header, and bytes of arrays.
+_Message = tuple[Json, bytearray]
 
 
 def as_written(options: Mapping[str, Any]) -> Json:
@@ -134,21 +138,45 @@ class Session:
 
         Raises:
             NsqGpuError: One of its subclasses, by what went wrong.
+            Interrupted: Ctrl-C ended the trace. ``partial`` is the result of the rays that were traced, and the live
+                detectors hold it too. So it is with TraceTimeoutError.
         """
         exported = export(scene)
         options = as_written(options)
         records_paths = options.get("record_paths") is not None
         if records_paths:
             check_paths(scene, exported.surface_labels)
-        answer = self.request(to_json(exported.document, indent=None),
-                              {"num_rays": num_rays, "seed": seed, "max_depth": max_depth, **options}, timeout=timeout,
-                              name=EXPORTED)
-        warn_of(answer.report, answer.missed_target)
-        return fill_scene(scene, answer.report, answer.arrays, exported.surface_labels, records_paths)
+        text = to_json(exported.document, indent=None)
+        named = numbers_of_rays(num_rays, seed, max_depth) | options
+
+        def result_of(answer: Answer, partial: bool) -> SimulationResult:
+            warn_of(answer.report, answer.missed_target)
+            result = fill_scene(scene, answer.report, answer.arrays, exported.surface_labels, records_paths)
+            if partial:
+                result.partial = True
+            return result
+
+        return self.kept(text, named, result_of, timeout=timeout, name=EXPORTED)
+
+    def kept(self, scene: str | Json, options: Mapping[str, Any], result_of: Callable[[Answer, bool], Any], **more: Any) -> Any:
+        """Return what ``result_of`` makes of a request's answer; of a trace that is stopped, raise it as ``partial``.
+
+        ``result_of`` gets True where the trace was stopped.
+        """
+        try:
+            answer = self.request(scene, options, keeps=True, **more)
+        except (Interrupted, TraceTimeoutError) as stop:
+            if stop.partial is not None:
+                stop.partial = result_of(stop.partial, True)
+            raise
+        return result_of(answer, False)
 
     def sweep(self, scene: NSQScene, numbers: Mapping[str, Sequence[float]], num_rays: int, *, zip: bool = False,
-              common_draws: bool = True, maps: bool = False, seed: int = 0, max_depth: int = 16, **options: Any) -> Sweep:
+              common_draws: bool = True, maps: bool = False, seed: int = 0, max_depth: int = 16,
+              timeout: float | None = None, **options: Any) -> Sweep:
         """Trace a scene with every combination of some numbers' values; the live scene stays as it is.
+
+        A point that cannot be traced, such as a lens of negative thickness, is NaN, and NsqGpuWarning names it.
 
         >>> found = session.sweep(scene, {"L1.r1": np.linspace(50, 60, 11), "L1.z": [0, 1]}, 100_000)
         >>> found.flux["image"].shape
@@ -166,30 +194,43 @@ class Session:
             maps: True keeps the detectors' maps.
             seed: Seed of the draws.
             max_depth: Largest number of events of a ray.
+            timeout: Longest time of the whole sweep [s].
             options: Further options of ``nsq-gpu trace`` by their names.
+
+        Raises:
+            NsqGpuError: One of its subclasses, by what went wrong; ``partial`` is the sweep of the points before it.
+            Interrupted: Ctrl-C ended the sweep; ``partial`` is the sweep of the points that are done.
         """
         text = to_json(export(scene).document, indent=None)
-
+        deadline = None if timeout is None else time.monotonic() + timeout
         known: set[str] = set()
 
-        def trace_all(points: list[Point]) -> Iterator[Answer]:
+        def trace_all(points: list[Point]) -> Iterator[Answer | NsqGpuError]:
             for values, index in points:
-                named = {"num_rays": num_rays, "seed": seed + index, "max_depth": max_depth, **options}
-                answer = self.request(text, named, name=EXPORTED, numbers=values)
-                warn_of(answer.report, answer.missed_target, known)
-                yield answer
+                named = numbers_of_rays(num_rays, seed + index, max_depth) | options
+                left = None if deadline is None else max(deadline - time.monotonic(), 0.0)
+                try:
+                    answer = self.request(text, named, name=EXPORTED, numbers=values, timeout=left)
+                except TraceTimeoutError:
+                    raise TraceTimeoutError(f"the sweep took longer than timeout = {timeout:g} s and was ended") from None
+                except (SceneError, UsageError) as error:
+                    yield error
+                else:
+                    warn_of(answer.report, answer.missed_target, known)
+                    yield answer
 
         return run(trace_all, numbers, zip, common_draws, maps)
 
     def request(self, scene: str | Json, options: Mapping[str, Any], *, timeout: float | None = None,
                 progress: Callable[[Json], None] | None = None, name: str | None = None,
                 numbers: Mapping[str, float] | None = None, gradient: Sequence[str] = (),
-                gradient_errors: bool = True, folder: str | None = None) -> Answer:
+                gradient_errors: bool = True, folder: str | None = None, keeps: bool = False) -> Answer:
         """Trace a scene file's text, with options of ``nsq-gpu trace`` by their names; errors call the scene ``name``.
 
         ``numbers`` of the scene are set first, by their names. Detectors are differentiated by the numbers that
         ``gradient`` names, with standard errors where ``gradient_errors`` is true. Files that the scene names are looked
-        for from ``folder``.
+        for from ``folder``. With ``keeps``, a stop or a timeout takes the answer of the rays that were traced along, as
+        ``partial``.
 
         Raises:
             NsqGpuError: One of its subclasses, by what went wrong.
@@ -202,8 +243,11 @@ class Session:
         if self._live is not None:
             header["live"] = self._live
         child = self._running()
-        header, body = child.ask(header, timeout, progress)
-        return Answer(header, body)
+        try:
+            return Answer(*child.ask(header, timeout, progress, keeps=keeps))
+        except (Interrupted, TraceTimeoutError) as stop:
+            stop.partial = None if stop.partial is None else Answer(*stop.partial)
+            raise
 
     def loss_gradient(self, scene: str | Json, options: Mapping[str, Any], parameters: Sequence[str],
                       adjoints: Mapping[str, np.ndarray], *, timeout: float | None = None, name: str | None = None,
@@ -231,6 +275,7 @@ class Session:
         return self._running().ask({"request": "hello"}, None, None)[0]
 
     def _running(self) -> _Child:
+        check_not_ending()
         with self._lock:
             if not self._children or not self._children[0].is_alive():
                 arguments = [] if self._adapter is None else [f"--adapter={self._adapter}"]
@@ -241,6 +286,12 @@ class Session:
 _sessions: weakref.WeakSet[Session] = weakref.WeakSet()
 _shared: dict[tuple[str, str | None], Session] = {}
 _shared_lock = threading.Lock()
+
+
+def numbers_of_rays(num_rays: Any, seed: Any, max_depth: Any) -> Json:
+    """Return these options as whole numbers, be they written as 1e6."""
+    given = {"num_rays": num_rays, "seed": seed, "max_depth": max_depth}
+    return {name: whole_number(name, value) for name, value in given.items()}
 
 
 def shared_session(binary: str, adapter: str | None) -> Session:
@@ -282,14 +333,21 @@ class _Child:
         self._ids = itertools.count(1)
         self._owner = os.getpid()
         self._turn = threading.Lock()
-        self._waiting: dict[int, queue.SimpleQueue[tuple[Json, bytearray] | None]] = {}
+        #: The thread whose turn it is.
+        self._holder: int | None = None
+        self._waiting: dict[int, queue.SimpleQueue[_Message | None]] = {}
+        self._outbox: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
         self._said: list[str] = []
         # Ctrl-C interrupts the main thread wherever it is. Were that inside Popen, nobody would hold the child: another
         # thread starts it. And a terminal's Ctrl-C is for this process, which cancels; the child has a group of its own.
         starter = threading.Thread(target=self._start, daemon=True)
         self._started = threading.Event()
         self._failure: BaseException | None = None
-        starter.start()
+        try:
+            starter.start()
+        except RuntimeError as error:
+            # Python is about to end, and starts no more threads.
+            raise NsqGpuError(f"{ENDING} ({error})") from None
         try:
             self._started.wait()
         except BaseException:
@@ -309,6 +367,9 @@ class _Child:
             self._reader.start()
             self._listener = threading.Thread(target=self._listen, daemon=True)
             self._listener.start()
+            # What is sent goes through a thread: a process that does not read would hold the caller for ever, and a
+            # Ctrl-C would cut a message in two.
+            threading.Thread(target=self._write, daemon=True).start()
         except BaseException as error:
             self._failure = error
         finally:
@@ -319,21 +380,34 @@ class _Child:
         return self._reader.is_alive()
 
     def ask(self, request: Json, timeout: float | None, progress: Callable[[Json], None] | None,
-            arrays: bytes = b"") -> tuple[Json, bytearray]:
-        """Send a request with its arrays; return the answer. Whatever ends the call early cancels the request."""
+            arrays: bytes = b"", keeps: bool = False) -> _Message:
+        """Send a request with its arrays; return the answer. Whatever ends the call early ends the request.
+
+        With ``keeps``, Ctrl-C and a timeout take the message of the rays that were traced along, as ``partial``.
+        """
+        if self._holder == threading.get_ident():
+            raise UsageError("this session is tracing, and a callback of its own cannot trace in it; trace after the call, "
+                             "or in another Session")
         number = next(self._ids)
         data = _encoded({"id": number, **request})
-        # One request at a time: a cancel of this one would else wait for those before it.
-        with self._turn:
-            return self._ask(number, data, arrays, timeout, progress)
-
-    def _ask(self, number: int, data: bytes, arrays: bytes, timeout: float | None,
-             progress: Callable[[Json], None] | None) -> tuple[Json, bytearray]:
         deadline = None if timeout is None else time.monotonic() + timeout
-        answers: queue.SimpleQueue[tuple[Json, bytearray] | None] = queue.SimpleQueue()
-        self._waiting[number] = answers
+        # One request at a time: a cancel of this one would else wait for those before it.
+        if not self._turn.acquire(timeout=-1 if timeout is None else max(timeout, 0.0)):
+            raise TraceTimeoutError(f"the trace waited longer than timeout = {timeout:g} s for another thread's")
         try:
-            self._send(data, arrays)
+            self._holder = threading.get_ident()
+            return self._ask(number, data + arrays, len(arrays), timeout, deadline, progress, keeps)
+        finally:
+            self._holder = None
+            self._turn.release()
+
+    def _ask(self, number: int, data: bytes, array_bytes: int, timeout: float | None, deadline: float | None,
+             progress: Callable[[Json], None] | None, keeps: bool) -> _Message:
+        answers: queue.SimpleQueue[_Message | None] = queue.SimpleQueue()
+        self._waiting[number] = answers
+        is_answered = False
+        try:
+            self._send(data, array_bytes)
             while True:
                 if deadline is not None and time.monotonic() > deadline:
                     raise TraceTimeoutError(f"the trace took longer than timeout = {timeout:g} s and was ended")
@@ -344,22 +418,25 @@ class _Child:
                     if self.is_alive() or not answers.empty():
                         continue
                     answer = None
+                if answer is not None and answer[0]["reply"] == "progress":
+                    if progress is not None:
+                        progress(answer[0])
+                    continue
+                is_answered = True
                 if answer is None:
                     raise self._end_of_process()
-                header, body = answer
-                if header["reply"] == "progress":
-                    if progress is not None:
-                        progress(header)
-                elif header["reply"] == "error":
-                    raise error_of(header["exit_code"], header["message"])
-                else:
-                    return header, body
-        except NsqGpuError as error:
+                if answer[0]["reply"] == "error":
+                    raise error_of(answer[0]["exit_code"], answer[0]["message"])
+                return answer
+        except BaseException as error:
+            if is_answered:
+                raise
+            is_kept = keeps and isinstance(error, KeyboardInterrupt | TraceTimeoutError)
+            partial = self._stop(number, answers, is_kept)
             if isinstance(error, TraceTimeoutError):
-                self._cancel(number, answers)
-            raise
-        except BaseException:
-            self._cancel(number, answers)
+                error.partial = partial
+            elif partial is not None:
+                raise Interrupted(partial) from error
             raise
         finally:
             self._waiting.pop(number, None)
@@ -377,28 +454,36 @@ class _Child:
                 except OSError:
                     pass
 
-    def _send(self, data: bytes, arrays: bytes = b"") -> None:
+    def _send(self, data: bytes, array_bytes: int = 0) -> None:
+        """Send a header and the bytes of arrays after it."""
+        self._outbox.put(_FRAME.pack(len(data) - array_bytes, array_bytes) + data)
+
+    def _write(self) -> None:
         stream = self._process.stdin
         assert stream is not None
         try:
-            stream.write(_FRAME.pack(len(data), len(arrays)) + data + arrays)
-            stream.flush()
+            while (message := self._outbox.get()) is not None:
+                stream.write(message)
+                stream.flush()
         except (OSError, ValueError):
             # The reader sees the end of the process as well, or that its streams were closed.
             pass
 
-    def _cancel(self, number: int, answers: queue.SimpleQueue[tuple[Json, bytearray] | None]) -> None:
-        """Cancel a request; end the process where it does not say so soon."""
-        self._send(_encoded({"id": number, "request": "cancel"}))
+    def _stop(self, number: int, answers: queue.SimpleQueue[_Message | None], keeps: bool) -> _Message | None:
+        """End a request, and return the message of its rays that were traced; end the process where none comes soon."""
+        self._send(_encoded({"id": number, "request": "stop" if keeps else "cancel"}))
         deadline = time.monotonic() + _GRACE
         while time.monotonic() < deadline:
             try:
                 answer = answers.get(timeout=0.05)
             except queue.Empty:
                 continue
-            if answer is None or answer[0]["reply"] != "progress":
-                return
+            if answer is None:
+                return None
+            if answer[0]["reply"] != "progress":
+                return answer if keeps and answer[0]["reply"] == "result" else None
         self.end()
+        return None
 
     def _end_of_process(self) -> NsqGpuError:
         try:
@@ -427,6 +512,7 @@ class _Child:
         except (_Ended, OSError, ValueError, struct.error):
             pass
         finally:
+            self._outbox.put(None)
             for answers in list(self._waiting.values()):
                 answers.put(None)
 

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
+import io
 import itertools
 import json
+import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from nsq_gpu.errors import NsqGpuError, UsageError
+from nsq_gpu import placing
+from nsq_gpu.errors import Interrupted, NsqGpuError, NsqGpuWarning, SceneError, UsageError, warn
 from nsq_gpu.paths import path_table
 
 Json = dict[str, Any]
@@ -39,12 +42,17 @@ class Sweep:
     flux: dict[str, np.ndarray]
     #: Standard errors of detectors' fluxes [W]; NaN where they are not known.
     standard_error: dict[str, np.ndarray]
-    #: Maps by detector, with the axes of the numbers first, where they were asked for: W/mm^2, of far fields W/sr.
+    #: Maps by detector, with the axes of the numbers first, where they were asked for: W/mm^2, of far fields W/sr. Where
+    #: points have maps of different shapes, an array of dtype object holds them.
     maps: dict[str, np.ndarray] = field(default_factory=dict)
     #: Rays of each point.
     num_rays: np.ndarray = field(default_factory=lambda: np.zeros(0))
     #: The table of paths of each point, of dtype object; None where they were not asked for (``paths=True``).
     paths: np.ndarray | None = None
+    #: Why a point could not be traced, by its place in the arrays. Its fluxes are NaN.
+    refused: dict[tuple[int, ...], str] = field(default_factory=dict)
+    #: True if the sweep was stopped. Points that were not traced have 0 rays, and their fluxes are NaN.
+    partial: bool = False
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -68,26 +76,56 @@ class Sweep:
                     row[f"{name} standard error [W]"] = float(self.standard_error[name][place])
             yield row
 
-    def to_csv(self, path: str | os.PathLike[str]) -> None:
-        """Write a row a point."""
-        rows = list(self.rows())
-        with Path(path).open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.DictWriter(stream, fieldnames=list(rows[0]) if rows else [])
-            writer.writeheader()
-            writer.writerows(rows)
+    def to_csv(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
+        """Write a row a point. A number that is not known is an empty cell; a last column says why a point has none.
 
-    def to_json(self, path: str | os.PathLike[str]) -> None:
-        """Write the points as ``nsq-gpu sweep -o FILE.json`` writes them, but for seeds."""
-        def entry(place: tuple[int, ...], numbers: dict[str, float]) -> Json:
+        Args:
+            path: The file. A file that exists already is kept.
+            overwrite: True replaces a file that exists.
+        """
+        has_problems = self.partial or bool(self.refused)
+        text = io.StringIO(newline="")
+        writer = csv.writer(text, lineterminator="\n")
+        for index, ((place, _), row) in enumerate(zip(self.points(), self.rows(), strict=True)):
+            if index == 0:
+                writer.writerow([_harmless(name) for name in row] + ["problem"] * has_problems)
+            if self._is_known(place):
+                cells = ["" if math.isnan(value) else value for value in row.values()]
+                writer.writerow(cells + [_harmless(self.refused.get(place, ""))] * has_problems)
+        if self.partial:
+            writer.writerow([""] * len(row) + [f"partial: {self._num_known()} of {math.prod(self.shape)} points"])
+        placing.write(path, text.getvalue(), overwrite)
+
+    def to_json(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
+        """Write the points as ``nsq-gpu sweep -o FILE.json`` writes them, but for seeds.
+
+        Args:
+            path: The file. A file that exists already is kept.
+            overwrite: True replaces a file that exists.
+        """
+        def entry(index: int, place: tuple[int, ...], numbers: dict[str, float]) -> Json:
             def error(name: str) -> float | None:
                 found = self.standard_error.get(name)
                 return None if found is None or np.isnan(found[place]) else float(found[place])
 
+            # JSON has no number that is not finite.
+            numbers = {name: value if math.isfinite(value) else str(value) for name, value in numbers.items()}
+            if place in self.refused:
+                return {"index": index, "set": numbers, "error": self.refused[place]}
             fluxes = {name: {"flux": float(flux[place]), "standard_error": error(name)} for name, flux in self.flux.items()}
-            return {"set": numbers, "num_rays": int(self.num_rays[place]), "fluxes": fluxes}
+            return {"index": index, "set": numbers, "num_rays": int(self.num_rays[place]), "fluxes": fluxes}
 
-        document = {"points": [entry(*point) for point in self.points()]}
-        Path(path).write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
+        points = [entry(index, *point) for index, point in enumerate(self.points()) if self._is_known(point[0])]
+        document = {"num_points": math.prod(self.shape), "num_refused": len(self.refused), "partial": self.partial,
+                    "points": points}
+        placing.write(path, json.dumps(document, indent=2, allow_nan=False) + "\n", overwrite)
+
+    def _is_known(self, place: tuple[int, ...]) -> bool:
+        """Tell whether a stop came after a point."""
+        return bool(self.num_rays[place]) or place in self.refused
+
+    def _num_known(self) -> int:
+        return sum(self._is_known(place) for place, _ in self.points())
 
     def to_xarray(self) -> Any:
         """Return an ``xarray.Dataset``: variables ``NAME flux``, ``NAME standard_error`` and ``NAME map``, with units.
@@ -114,8 +152,12 @@ class Sweep:
 
 def run(trace_all: Callable[[list[Point]], Iterable[Any]], numbers: Mapping[str, Sequence[float]], zipped: bool,
         common_draws: bool, keep_maps: bool) -> Sweep:
-    """Trace all points by a function that yields an answer of a session for each, in their order."""
-    values = {name: np.atleast_1d(np.asarray(given, dtype=float)) for name, given in numbers.items()}
+    """Trace all points by a function that yields an answer of a session for each, in their order.
+
+    Of a point that cannot be traced, the function yields the error. Whatever ends the function early, a stop, a timeout or
+    a lost device, takes the points before it along, as ``partial``.
+    """
+    values = {name: _values(name, given) for name, given in numbers.items()}
     if not values:
         raise UsageError("a sweep needs a number that changes, such as {'L1.r1': [50, 55, 60]}")
     lengths = {name: len(given) for name, given in values.items()}
@@ -123,33 +165,95 @@ def run(trace_all: Callable[[list[Point]], Iterable[Any]], numbers: Mapping[str,
         raise UsageError(f"zip=True needs as many values for each number; there are {lengths}")
     combinations = zip(*values.values(), strict=True) if zipped else itertools.product(*values.values())
     shape = (len(next(iter(values.values()))),) if zipped else tuple(lengths.values())
-    flux: dict[str, np.ndarray] = {}
-    errors: dict[str, np.ndarray] = {}
-    maps: dict[str, np.ndarray] = {}
-    num_rays = np.zeros(shape, dtype=np.int64)
-    paths: np.ndarray | None = None
-
-    def put(arrays: dict[str, np.ndarray], name: str, place: tuple[int, ...], value: Any) -> None:
-        value = np.asarray(value)
-        if name not in arrays:
-            arrays[name] = np.full((*shape, *value.shape), np.nan)
-        arrays[name][place] = value
-
     points = [(dict(zip(values, map(float, point), strict=True)), 0 if common_draws else index)
               for index, point in enumerate(combinations)]
-    for place, answer in zip(np.ndindex(*shape), trace_all(points), strict=True):
-        report = answer.report
-        num_rays[place] = report["num_rays_total"]
-        if report.get("paths") is not None:
-            paths = np.full(shape, None, dtype=object) if paths is None else paths
-            paths[place] = path_table(report["paths"])
-        for name, entry in report["detectors"].items():
-            put(flux, name, place, entry["total_flux"])
-            error = entry["total_flux_standard_error"]
-            put(errors, name, place, np.nan if error is None else error)
-            if keep_maps and entry["kind"] in MAPS:
-                put(maps, name, place, answer.arrays(name)[MAPS[entry["kind"]]])
-        for name, key in TOTALS.items():
-            # A detector may have the name of a total.
-            put(flux, f"{name} (total)" if name in report["detectors"] else name, place, report[key])
-    return Sweep(values, zipped, flux, errors, maps, num_rays, paths)
+    found = Sweep(values, zipped, {}, {}, num_rays=np.zeros(shape, dtype=np.int64))
+    bad = {index: _not_finite(point) for index, (point, _) in enumerate(points)}
+    answers = iter(trace_all([point for index, point in enumerate(points) if bad[index] is None]))
+    first: NsqGpuError | None = None
+    try:
+        for index, (place, (point, _)) in enumerate(zip(np.ndindex(*shape), points, strict=True)):
+            answer = bad[index] or next(answers)
+            if not isinstance(answer, NsqGpuError):
+                found = _with(found, place, answer, keep_maps)
+                continue
+            # What is wrong with the first point's names or options is wrong with those of all points.
+            if index == 0 and isinstance(answer, UsageError):
+                raise answer
+            problem = str(answer).removeprefix("nsq-gpu: ")
+            label = f"point {index} ({', '.join(f'{name} = {value:g}' for name, value in point.items())})"
+            first = first or type(answer)(f"{label}: {problem}", answer.exit_code, answer.stderr)
+            found.refused[place] = problem
+            warn(f"{label} is left out: {problem}", NsqGpuWarning)
+    except KeyboardInterrupt as stop:
+        if not found.num_rays.any():
+            raise
+        raise Interrupted(dataclasses.replace(found, partial=True)) from stop
+    except NsqGpuError as error:
+        error.partial = dataclasses.replace(found, partial=True) if found.num_rays.any() else None
+        raise
+    if first is not None and len(found.refused) == len(points):
+        raise first
+    return found
+
+
+def _with(found: Sweep, place: tuple[int, ...], answer: Any, keep_maps: bool) -> Sweep:
+    """Put an answer into the arrays of a sweep."""
+    report = answer.report
+
+    def put(arrays: dict[str, np.ndarray], name: str, value: Any) -> None:
+        value = np.asarray(value)
+        if name not in arrays:
+            arrays[name] = np.full((*found.shape, *value.shape), np.nan)
+        if arrays[name].dtype != object and arrays[name].shape[len(found.shape):] != value.shape:
+            maps = np.full(found.shape, None, dtype=object)
+            for other in np.ndindex(*found.shape):
+                if found.num_rays[other]:
+                    maps[other] = arrays[name][other]
+            arrays[name] = maps
+        arrays[name][place] = value
+
+    paths = found.paths
+    if report.get("paths") is not None:
+        paths = np.full(found.shape, None, dtype=object) if paths is None else paths
+        paths[place] = path_table(report["paths"])
+    for name, entry in report["detectors"].items():
+        put(found.flux, name, entry["total_flux"])
+        error = entry["total_flux_standard_error"]
+        put(found.standard_error, name, np.nan if error is None else error)
+        if keep_maps and entry["kind"] in MAPS:
+            put(found.maps, name, answer.arrays(name)[MAPS[entry["kind"]]])
+    for name, key in TOTALS.items():
+        # A detector may have the name of a total.
+        put(found.flux, f"{name} (total)" if name in report["detectors"] else name, report[key])
+    # Last: a point has rays when all of its numbers are there.
+    found.num_rays[place] = report["num_rays_total"]
+    return dataclasses.replace(found, paths=paths)
+
+
+def _values(name: str, given: Any) -> np.ndarray:
+    """Return the values of a number: one axis of floats. Tensors are values, whether they want gradients or not."""
+    def plain(value: Any) -> Any:
+        return value.detach().cpu().numpy() if hasattr(value, "detach") else value
+
+    try:
+        values = plain(given)
+        values = np.asarray(values if isinstance(values, np.ndarray) or np.isscalar(values) else list(map(plain, values)), dtype=float)
+    except (TypeError, ValueError) as error:
+        raise UsageError(f"{name}: {given!r} are no numbers; give a list of numbers") from error
+    if values.ndim > 1:
+        raise UsageError(f"{name} has values of the shape {values.shape}; give them along one axis, such as values.ravel()")
+    if values.size == 0:
+        raise UsageError(f"{name} has no values; give at least one")
+    return np.atleast_1d(values)
+
+
+def _not_finite(point: Mapping[str, float]) -> SceneError | None:
+    """Return the error of a point of which a number is NaN or infinite."""
+    wrong = next((name for name, value in point.items() if not math.isfinite(value)), None)
+    return None if wrong is None else SceneError(f"{wrong} is {point[wrong]}; give a finite number")
+
+
+def _harmless(text: str) -> str:
+    """Return a text that no spreadsheet takes for a formula."""
+    return f"'{text}" if text.startswith(("=", "+", "-", "@", "\t", "\r", "\n")) else text

@@ -24,6 +24,7 @@ from optiland.nonsequential.sources.configs import CollimatedSourceConfig
 import nsq_gpu
 import nsq_gpu.export
 import nsq_gpu.session
+from nsq_gpu.export import export, to_json
 from nsq_gpu.session import Session
 from tests import live
 from tests.live import SCENES, cs, glass
@@ -333,8 +334,10 @@ def test_warnings_are_those_of_the_users_line() -> None:
 def test_what_no_json_holds_is_refused_and_the_session_goes_on() -> None:
     with session() as one:
         process = one._running()
-        with pytest.raises(nsq_gpu.UsageError, match="not finite"):
+        with pytest.raises(nsq_gpu.SceneError, match=r"point 0 \(L.r1 = nan\): L.r1 is nan; give a finite number"):
             one.sweep(singlet(), {"L.r1": [np.nan]}, 10)
+        with pytest.raises(nsq_gpu.UsageError, match="not finite"):
+            one.request(to_json(export(singlet()).document), {"num_rays": 10, "min_flux_fraction": np.nan})
         assert one.trace(singlet(), np.int64(100)).num_rays_total == 100  # type: ignore[arg-type]
         assert one._running() is process
 
@@ -345,7 +348,11 @@ def test_a_timeout_of_one_thread_leaves_the_traces_of_others() -> None:
         with ThreadPoolExecutor(2) as pool:
             long = pool.submit(one.trace, singlet(), 10**8, time_limit="3s")
             time.sleep(0.3)
-            short = pool.submit(one.trace, singlet(), NUM_RAYS, timeout=2.0)
+            start = time.monotonic()
+            with pytest.raises(nsq_gpu.TraceTimeoutError, match="waited longer than timeout = 1 s"):
+                pool.submit(one.trace, singlet(), NUM_RAYS, timeout=1.0).result()
+            assert time.monotonic() - start < 2.0 and not long.done()
+            short = pool.submit(one.trace, singlet(), NUM_RAYS, timeout=60.0)
             assert short.result().num_rays_total == NUM_RAYS and long.result().num_rays_total > NUM_RAYS
         assert one._running() is process
 

@@ -205,7 +205,9 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         true => {
             let paths = traced.table.paths.iter().take(top).cloned().collect();
             let table = PathTable { paths, ..traced.table };
-            serde_json::to_string_pretty(&table).map_err(|e| Error::Internal(e.to_string()))? + "\n"
+            let mut document = serde_json::to_value(&table).map_err(|e| Error::Internal(e.to_string()))?;
+            document["partial"] = result.run.partial.into();
+            format!("{document:#}\n")
         }
         false => {
             result.paths = None;

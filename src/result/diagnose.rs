@@ -227,7 +227,7 @@ fn partial(result: &TraceResult) -> Option<String> {
         Some(StoppedBy::TimeLimit) => "stopped at the time limit",
         Some(StoppedBy::Interrupt) | None => "partial result",
     };
-    result.run.partial.then(|| {
+    (result.run.partial && result.num_rays_total < result.run.num_rays).then(|| {
         format!(
             "{why}: {} of {} rays; fluxes are scaled to all that the sources emit",
             thousands(result.num_rays_total),

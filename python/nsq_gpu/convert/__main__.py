@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Sequence
 
+from nsq_gpu import placing
 from nsq_gpu.convert import from_file
 from nsq_gpu.errors import NsqGpuError, UsageError
 from nsq_gpu.export import export_scene
@@ -26,20 +27,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--margin", type=float, default=1.03, help="radius of faces over that of their rays [1.03]")
     parser.add_argument("--unknown", choices=["refuse", "remark"], default="refuse",
                         help="what becomes of an unknown card of a surface: remark leaves it out, and says so [refuse]")
+    parser.add_argument("--overwrite", action="store_true", help="let -o replace a file that exists; never the lens itself")
     given = parser.parse_args(arguments)
     try:
-        if given.output is not None and os.path.exists(given.output) and os.path.samefile(given.lens, given.output):
-            raise UsageError(f"{given.output}: the scene would be written over the lens; give another name")
+        if given.output is not None:
+            if os.path.exists(given.output) and os.path.samefile(given.lens, given.output):
+                raise UsageError(f"{given.output}: the scene would be written over the lens; give another name")
+            placing.check(given.output, given.overwrite)
         scene = from_file(given.lens, detector_pixels=(given.pixels, given.pixels), edges=given.edges, margin=given.margin,
                           unknown=given.unknown)
         if given.output is not None:
-            export_scene(scene, given.output)
+            export_scene(scene, given.output, overwrite=given.overwrite)
     except NsqGpuError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code or 1
     except OSError as error:
         print(f"error: {error}", file=sys.stderr)
-        return 1
+        return 2
     print(scene.conversion_report.summary())
     return 0
 

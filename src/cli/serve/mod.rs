@@ -8,7 +8,7 @@ pub(crate) mod session;
 use crate::cli::progress::Status;
 use crate::cli::serve::frames::Incoming;
 use crate::cli::serve::requests::{Request, TraceRequest};
-use crate::cli::serve::session::Session;
+use crate::cli::serve::session::{Next, Session};
 use crate::cli::trace::missed_target;
 use crate::error::{Error, Result};
 use crate::gpu::AdapterChoice;
@@ -17,7 +17,7 @@ use crate::trace::gradients::LossGradient;
 use serde_json::{Value, json};
 use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicU8, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::time::{Duration, Instant};
 
@@ -38,8 +38,30 @@ pub struct Args {
     portable: bool,
 }
 
-/// The traces that are asked for and not answered, each with the flag that cancels it.
-type Cancels = Arc<Mutex<HashMap<String, Arc<AtomicBool>>>>;
+/// How a request that is not answered goes on: set by the thread that listens.
+#[derive(Default)]
+struct Flag(AtomicU8);
+
+impl Flag {
+    const STOPPED: u8 = 1;
+    const CANCELLED: u8 = 2;
+
+    /// Never takes a cancel back.
+    fn raise(&self, to: u8) {
+        self.0.fetch_max(to, Ordering::Relaxed);
+    }
+
+    fn next(&self) -> Next {
+        match self.0.load(Ordering::Relaxed) {
+            0 => Next::GoOn,
+            Flag::STOPPED => Next::Stop,
+            _ => Next::Cancel,
+        }
+    }
+}
+
+/// The traces that are asked for and not answered.
+type Flags = Arc<Mutex<HashMap<String, Arc<Flag>>>>;
 
 /// A message for the thread that traces.
 enum Job {
@@ -47,7 +69,7 @@ enum Job {
         id: Value,
         header: Value,
         arrays: Vec<u8>,
-        cancelled: Arc<AtomicBool>,
+        flag: Arc<Flag>,
     },
     Broken(String),
     /// The stream of requests has ended; with an error if it cannot be read on.
@@ -62,18 +84,18 @@ pub fn run(args: &Args) -> Result<String> {
         std::thread::spawn(move || crate::cli::stops::end_with_parent(parent));
     }
     let mut session = Session::new(AdapterChoice::of_command(args.adapter.as_deref(), args.portable));
-    let cancels = Cancels::default();
+    let flags = Flags::default();
     let (sender, jobs) = mpsc::channel();
-    let known = cancels.clone();
+    let known = flags.clone();
     std::thread::spawn(move || listen(&sender, &known));
     // Opened before the first request comes. An error is that request's answer.
     let _ = session.open();
     let mut output = Output(std::io::BufWriter::new(std::io::stdout()));
     for job in jobs {
         let problem = match job {
-            Job::Request { id, header, arrays, cancelled } => {
-                let answered = answer(&mut session, &mut output, &id, (header, &arrays), &cancelled);
-                cancels.lock().unwrap_or_else(PoisonError::into_inner).remove(&id.to_string());
+            Job::Request { id, header, arrays, flag } => {
+                let answered = answer(&mut session, &mut output, &id, (header, &arrays), &flag);
+                flags.lock().unwrap_or_else(PoisonError::into_inner).remove(&id.to_string());
                 answered
             }
             Job::Broken(problem) => output.fail(&Value::Null, &Error::Usage(problem)),
@@ -88,8 +110,8 @@ pub fn run(args: &Args) -> Result<String> {
     Ok(String::new())
 }
 
-/// Reads stdin to its end. Cancels take effect at once, also for requests that wait.
-fn listen(jobs: &mpsc::Sender<Job>, cancels: &Cancels) {
+/// Reads stdin to its end. Stops and cancels take effect at once, also for requests that wait.
+fn listen(jobs: &mpsc::Sender<Job>, flags: &Flags) {
     let mut input = std::io::BufReader::new(std::io::stdin());
     loop {
         let job = match frames::read(&mut input) {
@@ -98,16 +120,19 @@ fn listen(jobs: &mpsc::Sender<Job>, cancels: &Cancels) {
             Ok(Some(Incoming::Broken(problem))) => Job::Broken(problem),
             Ok(Some(Incoming::Header(header, arrays))) => {
                 let id = header.get("id").cloned().unwrap_or(Value::Null);
-                let mut cancels = cancels.lock().unwrap_or_else(PoisonError::into_inner);
-                if header.get("request").and_then(Value::as_str) == Some("cancel") {
-                    if let Some(flag) = cancels.get(&id.to_string()) {
-                        flag.store(true, Ordering::Relaxed);
-                    }
+                let mut flags = flags.lock().unwrap_or_else(PoisonError::into_inner);
+                let raised = match header.get("request").and_then(Value::as_str) {
+                    Some("stop") => Some(Flag::STOPPED),
+                    Some("cancel") => Some(Flag::CANCELLED),
+                    _ => None,
+                };
+                if let Some(raised) = raised {
+                    flags.get(&id.to_string()).into_iter().for_each(|flag| flag.raise(raised));
                     continue;
                 }
-                let cancelled = Arc::new(AtomicBool::new(false));
-                cancels.insert(id.to_string(), cancelled.clone());
-                Job::Request { id, header, arrays, cancelled }
+                let flag = Arc::new(Flag::default());
+                flags.insert(id.to_string(), flag.clone());
+                Job::Request { id, header, arrays, flag }
             }
         };
         let is_end = matches!(job, Job::End(_));
@@ -123,7 +148,7 @@ fn answer(
     output: &mut Output,
     id: &Value,
     (header, arrays): (Value, &[u8]),
-    cancelled: &AtomicBool,
+    flag: &Flag,
 ) -> Result<()> {
     let request = match Request::of(header, arrays) {
         Ok(request) => request,
@@ -149,7 +174,7 @@ fn answer(
                 Err(error) => output.fail(id, &error),
             }
         }
-        Request::Trace(request) => trace(session, output, id, &request, cancelled),
+        Request::Trace(request) => trace(session, output, id, &request, flag),
     }
 }
 
@@ -158,25 +183,28 @@ fn trace(
     output: &mut Output,
     id: &Value,
     request: &TraceRequest,
-    cancelled: &AtomicBool,
+    flag: &Flag,
 ) -> Result<()> {
     let mut told = Instant::now();
     let mut unsent = Ok(());
-    if cancelled.load(Ordering::Relaxed) {
+    if flag.next() != Next::GoOn {
         return output.fail(id, &Error::Interrupted);
     }
     let traced = catch_unwind(AssertUnwindSafe(|| {
-        let keep_going = |status: &Status| {
+        let mut next = |status: &Status| {
             let is_last = status.rays >= status.num_rays;
             if request.progress && (is_last || told.elapsed() >= PROGRESS_INTERVAL) {
                 told = Instant::now();
                 unsent = output.send(&progress(id, status));
             }
-            unsent.is_ok() && !cancelled.load(Ordering::Relaxed)
+            if unsent.is_ok() { flag.next() } else { Next::Cancel }
         };
         match &request.adjoints {
-            None => session.trace(request, keep_going).map(|result| Answer::Traced(Box::new(result))),
-            Some(adjoints) => session.loss_gradient(request, adjoints, keep_going).map(Answer::Loss),
+            None => session.trace(request, next).map(|result| Answer::Traced(Box::new(result))),
+            Some(adjoints) => {
+                let keep_going = |status: &Status| next(status) == Next::GoOn;
+                session.loss_gradient(request, adjoints, keep_going).map(Answer::Loss)
+            }
         }
     }));
     unsent?;

@@ -105,9 +105,9 @@ impl Request {
                 TraceRequest::of(header, arrays).map(|request| Request::Trace(Box::new(request)))
             }
             Some(other) => {
-                Err(Error::Usage(format!("there is no request `{other}`; there are hello, trace and cancel")))
+                Err(Error::Usage(format!("there is no request `{other}`; there are hello, trace, stop and cancel")))
             }
-            None => Err(Error::Usage("the header has no text `request`: hello, trace or cancel".into())),
+            None => Err(Error::Usage("the header has no text `request`: hello, trace, stop or cancel".into())),
         }
     }
 }

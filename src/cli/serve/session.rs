@@ -6,7 +6,7 @@ use crate::cli::serve::requests::TraceRequest;
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu};
 use crate::model::SceneIr;
-use crate::result::{RunInfo, TraceResult};
+use crate::result::{RunInfo, StoppedBy, TraceResult};
 use crate::scene::Scene;
 use crate::trace::gradients::{Differentiated, How, LossGradient};
 use crate::trace::stopping::Stopping;
@@ -17,6 +17,17 @@ use std::time::Instant;
 /// Most rays of a trace whose numbers are live. In a longer one the rays take longer than compiling, and a shader with
 /// the numbers compiled in traces them faster.
 const MOST_LIVE_RAYS: u64 = 1_000_000;
+
+/// How a trace goes on after a pass.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Next {
+    /// To its last ray.
+    GoOn,
+    /// It ends, and the rays that were traced are a partial result.
+    Stop,
+    /// It ends, and there is no result.
+    Cancel,
+}
 
 /// The device of a session, and its compiled shaders.
 pub(crate) struct Session {
@@ -53,15 +64,15 @@ impl Session {
         self.opened.as_ref().map_or(0, |opened| opened.shelf.len())
     }
 
-    /// Traces. `keep_going` gets the status after each pass; where it returns false, nothing is answered.
+    /// Traces. `next` gets the status after each pass, and says how to go on.
     pub(crate) fn trace(
         &mut self,
         request: &TraceRequest,
-        keep_going: impl FnMut(&Status) -> bool,
+        next: impl FnMut(&Status) -> Next,
     ) -> Result<TraceResult> {
         self.job(request, |job| match request.gradient.is_empty() {
-            true => job.trace(keep_going),
-            false => job.differentiate(keep_going),
+            true => job.trace(next),
+            false => job.differentiate(next),
         })
     }
 
@@ -105,7 +116,7 @@ struct Job<'a> {
 }
 
 impl<'a> Job<'a> {
-    fn trace(&self, mut keep_going: impl FnMut(&Status) -> bool) -> Result<TraceResult> {
+    fn trace(&self, mut next: impl FnMut(&Status) -> Next) -> Result<TraceResult> {
         let Job { request, ir, gpu, start, .. } = self;
         let args = &request.args;
         let options = self.options()?;
@@ -120,11 +131,12 @@ impl<'a> Job<'a> {
         let trace_start = Instant::now();
         let tally = tracer.go_on(begun, |progress: &mut Progress| {
             stopped_by = stopping.after_pass(ir, progress)?;
-            if keep_going(&Status::of(progress, &stopping, args, 0)) {
-                Ok(stopped_by.is_none())
-            } else {
-                Err(Error::Interrupted)
+            match next(&Status::of(progress, &stopping, args, 0)) {
+                Next::GoOn => {}
+                Next::Stop => stopped_by = Some(StoppedBy::Interrupt),
+                Next::Cancel => return Err(Error::Interrupted),
             }
+            Ok(stopped_by.is_none())
         })?;
         let partial = tally.launched.count < tracer.num_rays();
         let run = RunInfo {
@@ -196,21 +208,26 @@ impl<'a> Job<'a> {
     }
 
     /// Traces with derivatives.
-    fn differentiate(&self, mut keep_going: impl FnMut(&Status) -> bool) -> Result<TraceResult> {
+    fn differentiate(&self, mut next: impl FnMut(&Status) -> Next) -> Result<TraceResult> {
         let Job { request, gpu, .. } = self;
         let scene = self.differentiated()?;
         let (options, choice) = Job { ir: &scene.ir, ..*self }.live_options()?;
         let start = Instant::now();
         let how = How { shelf: Some(self.shelf), without_errors: !request.gradient_errors, ..How::default() };
         let num_rays = scene.num_passes() * options.num_rays;
+        let mut last = Next::GoOn;
         let (gradients, tally) = scene.gradients(gpu, &options, how, |rays| {
-            keep_going(&Status::of_rays(rays, num_rays, start.elapsed()))
+            last = next(&Status::of_rays(rays, num_rays, start.elapsed()));
+            last == Next::GoOn
         })?;
-        let is_whole = gradients.len() == request.gradient.len() * scene.ir.detectors.len();
-        if !is_whole || tally.launched.count < options.num_rays {
+        let has_all = gradients.len() == request.gradient.len() * scene.ir.detectors.len();
+        let is_whole = has_all && tally.launched.count == options.num_rays;
+        if !is_whole && last == Next::Cancel {
             return Err(Error::Interrupted);
         }
         let run = RunInfo {
+            partial: !is_whole,
+            stopped_by: (!is_whole).then_some(StoppedBy::Interrupt),
             precision_reason: choice.reason,
             precision_warning: choice.warning,
             trace_time_sec: start.elapsed().as_secs_f64(),

@@ -9,8 +9,9 @@ mod values;
 
 use crate::cli::console::{choose_vectors, named, say};
 use crate::cli::output_file::OutputFile;
+use crate::cli::progress::Status;
 use crate::cli::serve::requests::TraceRequest;
-use crate::cli::serve::session::Session;
+use crate::cli::serve::session::{Next, Session};
 use crate::cli::stops::stop_on_interrupt;
 use crate::cli::sweep::points::{Point, Points, Traced};
 use crate::cli::sweep::values::{
@@ -129,7 +130,9 @@ pub fn run(args: &Args) -> Result<String> {
             adjoints: None,
             progress: false,
         };
-        let outcome = match session.trace(&request, |_| !stop.load(Ordering::Relaxed)) {
+        // A point that is stopped midway is left out.
+        let next = |_: &Status| if stop.load(Ordering::Relaxed) { Next::Cancel } else { Next::GoOn };
+        let outcome = match session.trace(&request, next) {
             Ok(result) => {
                 let warnings = result.run.scene_warnings.iter().chain(&result.diagnostics.grave);
                 warnings

@@ -1,0 +1,83 @@
+"""Files that a call was asked to write: whole or not at all, and never over what is not meant to be replaced.
+
+The command's twin is ``src/cli/output_file.rs``.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+import stat
+from pathlib import Path
+
+from nsq_gpu.errors import UsageError
+
+
+def check(path: str | os.PathLike[str], overwrite: bool = False) -> None:
+    """Refuse a place where a file would be lost, or where something else than a file stands.
+
+    An empty file may be replaced: nothing in it could be lost.
+
+    Raises:
+        UsageError: The place is taken; the message says by what.
+    """
+    _may_replace(Path(path), overwrite)
+
+
+def write(path: str | os.PathLike[str], text: str, overwrite: bool = False) -> None:
+    """Write a text file in one step. An existing file stays whole until then, and for good if something fails.
+
+    A file that holds this very text already is left alone.
+
+    Raises:
+        UsageError: The place is taken; the message says by what.
+        OSError: The file cannot be written.
+    """
+    path, data = Path(path), text.encode("utf-8")
+    if path.is_file() and not path.is_symlink() and path.stat().st_size == len(data) and path.read_bytes() == data:
+        return
+    replaces = _may_replace(path, overwrite)
+    new = path.with_name(f".nsq-gpu-{secrets.token_hex(8)}")
+    try:
+        with open(new, "xb") as stream:
+            stream.write(data)
+            stream.flush()
+            os.fsync(stream.fileno())
+        if replaces:
+            os.chmod(new, stat.S_IMODE(path.stat().st_mode))
+            os.replace(new, path)
+        else:
+            _rename_to_new(new, path)
+    finally:
+        new.unlink(missing_ok=True)
+
+
+def _may_replace(path: Path, overwrite: bool) -> bool:
+    """Tell whether there is a file that may be replaced; refuse a place that is taken."""
+    try:
+        found = path.lstat()
+    except FileNotFoundError:
+        return False
+    mode = found.st_mode
+    if stat.S_ISDIR(mode):
+        raise UsageError(f"{path}: is a folder; give the name of a file")
+    if stat.S_ISLNK(mode):
+        raise UsageError(f"{path}: is a link, and links are not written through; give another name")
+    if not stat.S_ISREG(mode):
+        raise UsageError(f"{path}: is a pipe or a device; give another name")
+    if found.st_size and not overwrite:
+        raise UsageError(f"{path}: exists; overwrite=True (--overwrite) replaces it, or give another name")
+    return True
+
+
+def _rename_to_new(new: Path, path: Path) -> None:
+    """Rename a file to a name that is not in use, even if somebody takes it at this moment."""
+    try:
+        os.link(new, path)
+    except FileExistsError:
+        raise UsageError(f"{path}: was made by somebody else meanwhile; give another name") from None
+    except OSError:
+        # Some file systems have no links.
+        if os.path.lexists(path):
+            raise UsageError(f"{path}: was made by somebody else meanwhile; give another name") from None
+        os.rename(new, path)
