@@ -6,7 +6,7 @@
 # make test-long   the tests that take long, which `make test` leaves out (LONG_ARGS: some of them)
 # make gpu-report  what this machine's adapter does: agreement, bits, speed, into gpu-report-out/; wants no network
 # make test-random the comparison with NumPy on RANDOM_SCENES random scenes from RANDOM_SEED (`make test` has 37)
-# make test-torch  the comparison with Optiland's Torch backend, and Optiland's own tests of gradients (installs gigabytes)
+# make test-torch  the comparison with Optiland's Torch backend, and Optiland's own tests of scenes (installs gigabytes)
 # make docs        builds the pages as a site, .docs/site/index.html; a broken link fails
 # make test-drivers  the same bits from a second driver, SwiftShader, out of Debian's package chromium-common
 # make clean       removes what the others made
@@ -32,9 +32,8 @@ TEST_THREADS = $$(($$(nproc 2>/dev/null || echo 1) + 2))
 # NumPy computes in one thread. Neighbours stay together: they share what the reference traced.
 PYTEST_WORKERS = -n auto --maxprocesses 8 --dist worksteal
 SECOND_DRIVER = VK_ADD_DRIVER_FILES=$(abspath .drivers)/usr/lib/chromium/vk_swiftshader_icd.json
-# Optiland's own tests of gradients.
-OPTILANDS_TESTS = test_nsq_gradients test_nsq_geometric_gradients validation/test_gradient_absorption_k \
-	validation/test_gradient_scatter_fraction
+# Optiland's own tests of scenes, in one process and in their order: one leaves on that every constant wants a gradient.
+OPTILANDS_TESTS = tests/nonsequential
 RANDOM_SCENES = 200
 LONG_ARGS =
 REPORT_ARGS =
@@ -100,9 +99,9 @@ test-random: adapter .venv/installed
 
 test-torch: adapter .venv-torch/installed .venv-torch/optiland
 	cd python && NSQ_GPU_BINARY=$(BINARY) ../.venv-torch/bin/python -m pytest -rs tests/test_torch.py tests/test_torch_lenses.py \
-		tests/test_export.py::test_torch_tensors_that_want_gradients_are_refused
+		tests/test_export.py::test_torch_tensors_are_values
 	cd .venv-torch/optiland && NSQ_GPU_BINARY=$(BINARY) PYTHONPATH=$(abspath python) ../bin/python -m pytest -rs -p tools.optilands_tests \
-		$(OPTILANDS_TESTS:%=tests/nonsequential/%.py)
+		$(OPTILANDS_TESTS)
 
 # For the commands alone: `adapter` looks for a driver without it.
 test-drivers: adapter .drivers/installed

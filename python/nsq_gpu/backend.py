@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,17 +19,20 @@ from nsq_gpu.binary import find_binary
 from nsq_gpu.errors import (
     TOLERANCE_NOT_MET,
     NsqGpuError,
+    ResultWarning,
     SceneError,
     UsageError,
     error_of,
+    wants_gradient,
+    warn,
 )
 from nsq_gpu.export import ExportedScene, export, export_wanted, to_json
-from nsq_gpu.export.values import whole_number
+from nsq_gpu.export.values import all_want_gradients, whole_number
 from nsq_gpu.gradients import warn_of_lost
 from nsq_gpu.integrity import read_report
 from nsq_gpu.process import ProgressCallback, Shown, Update, run
-from nsq_gpu.results import check_paths, fill_scene, in_folder, warn_of
-from nsq_gpu.session import EXPORTED, shared_session
+from nsq_gpu.results import Load, check_paths, fill_scene, in_folder, warn_of
+from nsq_gpu.session import EXPORTED, Session, shared_session
 
 PRECISIONS = ("auto", "f32", "f64", "df64")
 SAMPLERS = ("pcg", "sobol")
@@ -66,7 +70,9 @@ class NsqGpuBackend(TracerBackend):
             :class:`nsq_gpu.PathTable`, a structured array with the strongest path first; it is None otherwise.
         gradient: With Optiland's backend set to torch, results carry a graph to tensors of the scene that have
             ``requires_grad``, where TorchBackend's do; ``backward()`` walks rays back. ``"interior"`` is the derivative of light
-            that goes on through the surfaces that it meets. None refuses such tensors.
+            that goes on through the surfaces that it meets. None takes such tensors as values, as ``torch.no_grad()`` does.
+            With ``be.grad_mode`` on, where every constant is such a tensor, ResultWarning names each that has no derivative,
+            once.
         backward_seed: Seed of the draws of ``backward``; None takes those of the trace. Other draws make the gradient of a
             loss that is not linear in the map unbiased.
         where: Keep only the light whose path matches this expression, such as ``"reflections == 2 and not
@@ -111,6 +117,8 @@ class NsqGpuBackend(TracerBackend):
         self.backward_seed = backward_seed
         #: The program's own report of the last trace: its ledger, adapter, precision and more; see the README.
         self.report: dict[str, Any] | None = None
+        #: Numbers without a derivative that a warning has named.
+        self._told: set[str] = set()
 
     def trace(self, scene: NSQScene, num_rays: int, max_depth: int = 16, min_flux_fraction: float = 1e-6,
               batch_size: int = DEFAULT_BATCH_SIZE, seed: int | None = None,
@@ -136,10 +144,9 @@ class NsqGpuBackend(TracerBackend):
         if record_paths:
             check_paths(scene, exported.surface_labels)
         options = self._options(num_rays, max_depth, min_flux_fraction, seed, record_paths)
-        if exported.wanted:
-            return self._trace_attached(binary, scene, exported, options)
-        if options["num_rays"] <= MOST_SESSION_RAYS:
-            return self._trace_in_session(binary, scene, exported, options)
+        carries_graph = bool(exported.wanted) and _go_with_gradients(options)
+        if carries_graph or options["num_rays"] <= MOST_SESSION_RAYS:
+            return self._trace_in_session(binary, scene, exported, options, carries_graph)
         with tempfile.TemporaryDirectory(prefix="nsq-gpu-") as name:
             folder = Path(name)
             not_met = self._run(binary, exported, options, folder)
@@ -148,7 +155,7 @@ class NsqGpuBackend(TracerBackend):
             self.report = read_report(folder / "out")
             warn_of(self.report, not_met)
             load = in_folder(folder / "out", self.report)
-            return fill_scene(scene, self.report, load, exported.surface_labels, bool(record_paths))
+            return _fill(scene, exported, self.report, load, options)
 
     def _differentiates(self) -> bool:
         """Tell whether tensors of the scene are to get gradients."""
@@ -157,36 +164,6 @@ class NsqGpuBackend(TracerBackend):
         import torch
 
         return torch.is_grad_enabled()
-
-    def _trace_attached(self, binary: str, scene: NSQScene, exported: ExportedScene,
-                        options: dict[str, Any]) -> SimulationResult:
-        """Trace in this process's session; put results on the graph of the scene's tensors."""
-        from nsq_gpu.autograd import Traced, attach, smooth_detectors
-
-        for name in ("record_paths", "target_error", "time_limit", "paths"):
-            if name in options:
-                raise UsageError(f"{name} and gradients do not go together; give one of them up")
-        if options["sampler"] != "pcg":
-            raise UsageError('gradients take random numbers; leave out sampler="sobol"')
-        session = shared_session(binary, self.adapter)
-        text = to_json(exported.document, indent=None)
-        answer = session.request(text, options, timeout=self.timeout, name=EXPORTED)
-        self.report = answer.report
-        warn_of(answer.report, answer.missed_target)
-        names = list(exported.wanted)
-        backward = dict(options)
-        backward.pop("standard_error", None)
-        if self.backward_seed is not None:
-            backward["seed"] = whole_number("backward_seed", self.backward_seed) % _SEEDS
-
-        def gradient(adjoints: dict[str, np.ndarray]) -> list[float]:
-            answer = session.loss_gradient(text, backward, names, adjoints, timeout=self.timeout, name=EXPORTED)
-            warn_of_lost(answer["num_lost"])
-            return answer["values"]
-
-        traced = Traced(gradient, smooth_detectors(scene))
-        return fill_scene(scene, answer.report, answer.arrays, exported.surface_labels,
-                          attach=lambda: attach(scene, traced, list(exported.wanted.values())))
 
     def _options(self, num_rays: int, max_depth: int, min_flux_fraction: float, seed: int | None,
                  record_paths: bool | int) -> dict[str, Any]:
@@ -217,17 +194,52 @@ class NsqGpuBackend(TracerBackend):
             options["record_paths"] = "all" if record_paths is True else whole_number("record_paths", record_paths)
         return options
 
-    def _trace_in_session(self, binary: str, scene: NSQScene, exported: ExportedScene,
-                          options: dict[str, Any]) -> SimulationResult:
+    def _trace_in_session(self, binary: str, scene: NSQScene, exported: ExportedScene, options: dict[str, Any],
+                          carries_graph: bool) -> SimulationResult:
         """Trace in this process's session."""
         session = shared_session(binary, self.adapter)
+        text = to_json(exported.document, indent=None)
         with Shown(self.progress) as shown:
             show = (lambda said: shown.show(Update(said))) if self.progress else None
-            answer = session.request(to_json(exported.document, indent=None), options, timeout=self.timeout, progress=show,
-                                     name=EXPORTED)
+            answer = session.request(text, options, timeout=self.timeout, progress=show, name=EXPORTED)
         self.report = answer.report
         warn_of(answer.report, answer.missed_target)
-        return fill_scene(scene, answer.report, answer.arrays, exported.surface_labels, "record_paths" in options)
+        attach = self._attach(session, text, scene, exported, options) if carries_graph else None
+        return _fill(scene, exported, answer.report, answer.arrays, options, attach)
+
+    def _attach(self, session: Session, text: str, scene: NSQScene, exported: ExportedScene,
+                options: dict[str, Any]) -> Callable[[], None]:
+        """Return what puts the scene's maps on the graph of its tensors."""
+        from nsq_gpu.autograd import Traced, attach, smooth_detectors
+
+        options = {name: value for name, value in options.items() if name not in ("standard_error", "record_paths", "paths")}
+        if self.backward_seed is not None:
+            options["seed"] = whole_number("backward_seed", self.backward_seed) % _SEEDS
+        are_named = not all_want_gradients()
+
+        def gradient(adjoints: dict[str, np.ndarray]) -> list[float]:
+            values = dict.fromkeys(exported.wanted, 0.0)
+            names = list(values)
+            while names:
+                try:
+                    answer = session.loss_gradient(text, options, names, adjoints, timeout=self.timeout, name=EXPORTED)
+                    break
+                except UsageError as error:
+                    # The program refuses one number at a time.
+                    refused = next((name for name in names if f"`{name}`" in str(error)), None)
+                    if are_named or refused is None:
+                        raise
+                    names.remove(refused)
+                    if refused not in self._told:
+                        self._told.add(refused)
+                        warn(f"{error}; its gradient is 0", ResultWarning)
+            else:
+                return list(values.values())
+            warn_of_lost(answer["num_lost"])
+            return list((values | dict(zip(names, answer["values"], strict=True))).values())
+
+        traced = Traced(gradient, smooth_detectors(scene))
+        return lambda: attach(scene, traced, list(exported.wanted.values()))
 
     def _run(self, binary: str, exported: ExportedScene, options: dict[str, Any], folder: Path) -> str | None:
         """Trace into ``folder / "out"``; return what is said where the target error was not met."""
@@ -247,3 +259,34 @@ class NsqGpuBackend(TracerBackend):
             # The file is ours, and gone when the message is read.
             raise SceneError(str(error).replace(f"{scene_file}: ", "the exported scene: "), stderr=error.stderr) from None
         return str(error_of(code, said.splitlines()[-1])) if code == TOLERANCE_NOT_MET else None
+
+
+def _fill(scene: NSQScene, exported: ExportedScene, report: dict[str, Any], load: Load, options: dict[str, Any],
+          attach: Callable[[], None] | None = None) -> SimulationResult:
+    """Put a trace into the live scene, and its maps on a graph by ``attach``; return its result."""
+    def put() -> None:
+        for live in scene.detectors:
+            # Where Optiland makes every constant a leaf that wants a gradient, the map that it was given is one too.
+            if wants_gradient(getattr(live, "_data", None)):
+                live._data = live._data.detach()
+        if attach is not None:
+            attach()
+
+    return fill_scene(scene, report, load, exported.surface_labels, "record_paths" in options, put)
+
+
+def _go_with_gradients(options: dict[str, Any]) -> bool:
+    """Tell whether results of these options can carry a graph; say so where they cannot.
+
+    Raises:
+        UsageError: They cannot, and somebody named the tensors that want gradients.
+    """
+    name = next((name for name in ("target_error", "time_limit") if name in options), None)
+    if name is None and options["sampler"] == "pcg":
+        return True
+    problem = 'gradients take random numbers; leave out sampler="sobol"' if name is None \
+        else f"{name} and gradients do not go together; give one of them up"
+    if not all_want_gradients():
+        raise UsageError(problem)
+    warn(f"{problem}: results carry no graph", ResultWarning)
+    return False

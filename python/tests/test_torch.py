@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -127,6 +128,19 @@ def torch_in_f64() -> None:
     be.set_precision("float64")
 
 
+@pytest.fixture
+def every_constant(torch_in_f64: None) -> Iterator[None]:
+    """Let Optiland make every constant a leaf that wants a gradient."""
+    be.grad_mode.enable()
+    yield
+    be.set_backend("torch")
+    be.grad_mode.disable()
+
+
+def leaf(value: float) -> Any:
+    return torch.tensor(value, dtype=torch.float64, requires_grad=True)
+
+
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("case", make_gradients.CASES, ids=lambda case: case.name)
 def test_gradients_are_those_of_torch(case: Any, torch_in_f64: None) -> None:
@@ -207,9 +221,6 @@ def test_what_would_drop_a_tensor_refuses_it(torch_in_f64: None) -> None:
 
 
 def test_a_tensor_is_exported_by_its_name_or_refused(torch_in_f64: None) -> None:
-    def tensor(value: float) -> Any:
-        return torch.tensor(value, dtype=torch.float64, requires_grad=True)
-
     def names(make: Any) -> list[str]:
         scene = make_gradients.singlet({"L.r1": 60.0, "L.r2": -45.0, "glass.n": 1.52})
         make(scene)
@@ -219,36 +230,30 @@ def test_a_tensor_is_exported_by_its_name_or_refused(torch_in_f64: None) -> None
         scene.add_component("M", ReflectiveComponent(
             CoordinateSystem(z=60.0), shape or ConicGeometry(-80.0, 0.0, 10.0), reflectance, **more))
 
-    assert names(lambda scene: mirror(scene, lambda _: [tensor(0.9)])) == ["M.reflectance.values.0"]
+    assert names(lambda scene: mirror(scene, lambda _: [leaf(0.9)])) == ["M.reflectance.values.0"]
     lobe = LambertianBSDF(reflectance_value=0.5)
-    assert names(lambda scene: mirror(scene, bsdf=lobe, scatter_fraction=tensor(1.0))) == ["M.scatter_fraction"]
+    assert names(lambda scene: mirror(scene, bsdf=lobe, scatter_fraction=leaf(1.0))) == ["M.scatter_fraction"]
 
     def replaced(scene: NSQScene) -> None:
-        scene.component_registry.compounds[0].surfaces[0].geometry.radius = tensor(60.0)
+        scene.component_registry.compounds[0].surfaces[0].geometry.radius = leaf(60.0)
 
     assert names(replaced) == ['"L.front".radius']
-    clipped = ClippedConic(-80.0, 0.0, 10.0, Aperture("ellipse", tensor(5.0), 4.0))
+    clipped = ClippedConic(-80.0, 0.0, 10.0, Aperture("ellipse", leaf(5.0), 4.0))
     assert names(lambda scene: mirror(scene, shape=clipped)) == ["M.aperture.semi_axis_x"]
-    both = Aperture("union", parts=(Aperture("ellipse", tensor(5.0), 4.0), Aperture("ellipse", 1.0, 9.0)))
+    both = Aperture("union", parts=(Aperture("ellipse", leaf(5.0), 4.0), Aperture("ellipse", 1.0, 9.0)))
     with pytest.raises(nsq_gpu.UnsupportedSceneError, match="the number has no name"):
         names(lambda scene: mirror(scene, shape=ClippedConic(-80.0, 0.0, 10.0, both)))
 
 
 @pytest.mark.filterwarnings("ignore")
 def test_what_acts_at_edges_alone_is_refused_backward(torch_in_f64: None) -> None:
-    def build(radius: Any) -> NSQScene:
-        scene = make_gradients.singlet({"L.r1": 60.0, "L.r2": -45.0, "glass.n": 1.52})
-        scene.add_component("stop", AbsorbingComponent(
-            CoordinateSystem(z=10.0), AnnularPlaneGeometry(radius, torch.tensor(20.0, dtype=torch.float64)), VACUUM))
-        return scene
-
-    radius = torch.tensor(2.5, dtype=torch.float64, requires_grad=True)
-    data = build(radius).trace(2000, seed=1, backend=live.backend(precision="f64")).detectors["screen"].data
+    radius = leaf(2.5)
+    data = map_of(with_stop(one_lens(60.0), radius))
     with pytest.raises(nsq_gpu.UsageError, match="stop.inner_radius.*edges alone"):
         data.sum().backward()
     # No light meets the stop's edge: the derivative that is computed is 0.
-    radius = torch.tensor(8.0, dtype=torch.float64, requires_grad=True)
-    build(radius).trace(2000, seed=1, backend=live.backend(precision="f64")).detectors["screen"].data.sum().backward()
+    radius = leaf(8.0)
+    map_of(with_stop(one_lens(60.0), radius)).sum().backward()
     assert radius.grad == 0.0
 
 
@@ -278,14 +283,166 @@ def test_backward_may_draw_otherwise(torch_in_f64: None) -> None:
     assert other["L.r1"] == pytest.approx(same["L.r1"], rel=0.3)
 
 
+def one_lens(r1: Any = 40.0) -> NSQScene:
+    return make_gradients.singlet({"L.r1": r1, "L.r2": -45.0, "glass.n": 1.52})
+
+
+def with_stop(scene: NSQScene, radius: Any, name: str = "stop") -> NSQScene:
+    scene.add_component(name, AbsorbingComponent(
+        CoordinateSystem(z=10.0), AnnularPlaneGeometry(radius, torch.tensor(20.0, dtype=torch.float64)), VACUUM))
+    return scene
+
+
+def map_of(scene: NSQScene, num_rays: int = 2000, **options: Any) -> Any:
+    return scene.trace(num_rays, seed=1, backend=live.backend(**options)).detectors["screen"].data
+
+
+MODES = pytest.mark.parametrize("mode", ["torch_in_f64", "every_constant"])
+
+
 @pytest.mark.filterwarnings("ignore")
-def test_without_gradients_tensors_are_traced_or_refused(torch_in_f64: None) -> None:
-    tensor = torch.tensor(40.0, dtype=torch.float64, requires_grad=True)
-    scene = make_gradients.singlet({"L.r1": tensor, "L.r2": -45.0, "glass.n": 1.52})
-    with pytest.raises(nsq_gpu.UnsupportedSceneError, match="requires_grad"):
-        scene.trace(100, backend=live.backend(gradient=None))
-    with pytest.raises(nsq_gpu.UsageError, match="sobol"):
-        scene.trace(100, backend=live.backend(sampler="sobol"))
+@MODES
+@pytest.mark.parametrize("without", [torch.no_grad, torch.inference_mode, None])
+def test_without_gradients_tensors_are_values(without: Any, mode: str, request: pytest.FixtureRequest) -> None:
+    request.getfixturevalue("torch_in_f64")
+    expected = map_of(one_lens())
+    request.getfixturevalue(mode)
+    options = {} if without else {"gradient": None}
+    with without() if without else torch.enable_grad():
+        found = map_of(one_lens(leaf(40.0)), **options)
+        # A trace that writes files.
+        written = map_of(one_lens(leaf(40.0)), 1_000_001, **options)
+    assert torch.equal(found, expected)
+    assert not found.requires_grad and not written.requires_grad
+
+
+@pytest.mark.filterwarnings("ignore")
+@MODES
+def test_where_nothing_is_differentiated_tensors_are_values(mode: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    def found(r1: Any) -> list[Any]:
+        scene, file = one_lens(r1), tmp_path / "scene.json"
+        file.unlink(missing_ok=True)
+        nsq_gpu.export_scene(scene, file)
+        difference = nsq_gpu.diff(scene, one_lens(50.0), 2000, precision="f64", binary=live.binary())
+        where = {"precision": "f64", "binary": live.binary()}
+        with nsq_gpu.Session(**where) as session:
+            traced = session.trace(scene, 2000, seed=1).detectors["screen"].data.tolist()
+            sweep = session.sweep(scene, {"L.r1": [40.0, 45.0]}, 2000).flux["screen"].tolist()
+        # What names its own numbers.
+        jacobian = nsq_gpu.jacobian(scene, ["L.r1", "glass.n"], 2000, **where)["glass.n", "screen"].flux
+        gradient = nsq_gpu.loss_gradient(scene, ["L.r1"], {"screen": np.ones((12, 12))}, 2000, **where)
+        return [file.read_text(encoding="utf-8"), difference.detectors["screen"].difference, traced, sweep, jacobian, gradient]
+
+    request.getfixturevalue("torch_in_f64")
+    expected = found(40.0)
+    request.getfixturevalue(mode)
+    assert found(leaf(40.0)) == expected
+    with pytest.raises(nsq_gpu.UsageError, match="edges alone"):
+        nsq_gpu.jacobian(with_stop(one_lens(), leaf(2.5)), ["stop.inner_radius"], 2000, binary=live.binary())
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("case", [make_gradients.CASES[0], make_gradients.CASES[3]], ids=lambda case: case.name)
+def test_gradients_are_those_of_torch_where_every_constant_wants_one(case: Any, every_constant: None) -> None:
+    check_gradients(case.build, case.all_values)
+    assert be.grad_mode.requires_grad
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_constants_get_the_gradients_of_their_numbers(every_constant: None) -> None:
+    scene = one_lens()
+    data = map_of(scene)
+    (data * data).sum().backward()
+    lens = scene.component_registry.compounds[0]
+    leaves = {"L.x": lens.coordinate_system.x, "L.z": lens.coordinate_system.z, "L.rx": lens.coordinate_system.rx,
+              "screen.z": scene.detectors[0].cs.z, "beam.ry": scene.sources[0].cs.ry,
+              "glass.n": lens.surfaces[0].material_back.optiland_material.index}
+    adjoints = {"screen": 2.0 * data.detach().numpy().reshape(12, 12)}
+    expected = nsq_gpu.loss_gradient(scene, [*leaves, "L.thickness"], adjoints, 2000, seed=1, precision="f64", binary=live.binary())
+    leaves["L.thickness"] = lens.surfaces[1].cs.z
+    for name, tensor in leaves.items():
+        assert tensor.is_leaf and expected[name] != 0.0
+        assert tensor.grad.item() == pytest.approx(expected[name], rel=1e-9), name
+
+
+def test_what_acts_at_edges_alone_is_a_warning_where_nobody_named_it(every_constant: None) -> None:
+    r1, radius = leaf(40.0), leaf(2.5)
+    backend = live.backend()
+    warned: list[str] = []
+    for _ in range(2):
+        scene = with_stop(one_lens(r1), radius)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            scene.trace(2000, seed=1, backend=backend).detectors["screen"].data.sum().backward()
+        warned += [str(warning.message) for warning in caught if issubclass(warning.category, nsq_gpu.ResultWarning)]
+    assert radius.grad == 0.0 != r1.grad
+    (told,) = [text for text in warned if "stop.inner_radius" in text]
+    assert "acts at edges alone" in told and "its gradient is 0" in told
+    assert len(set(warned)) == len(warned)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_number_without_a_name_is_a_warning_where_nobody_named_it(every_constant: None) -> None:
+    def build(width: Any) -> NSQScene:
+        outline = Aperture("union", parts=(Aperture("ellipse", width, 4.0), Aperture("ellipse", 1.0, 9.0)))
+        scene = one_lens()
+        scene.add_component("M", ReflectiveComponent(CoordinateSystem(z=60.0), ClippedConic(-80.0, 0.0, 10.0, outline), 0.9))
+        return scene
+
+    width, weights = leaf(5.0), leaf(1.0)
+    scene = build(width)
+    scene.sources[0].spectrum.weights = weights.reshape(1)
+    with pytest.warns(nsq_gpu.ResultWarning) as caught:
+        map_of(scene).sum().backward()
+    told = [str(warning.message) for warning in caught if "no derivative by it" in str(warning.message)]
+    assert len(told) == 2
+    assert any("surface 'M': aperture: parts[0]" in text and "semi_axis_x" in text and "no name" in text for text in told)
+    assert any("source 'beam': weights" in text for text in told)
+    assert width.grad is None and weights.grad is None
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_an_infinite_radius_has_no_gradient(torch_in_f64: None, request: pytest.FixtureRequest) -> None:
+    flat = leaf(float("inf"))
+    with pytest.raises(nsq_gpu.UnsupportedSceneError, match="radius: .*infinite.*1e6"):
+        map_of(one_lens(flat))
+    request.getfixturevalue("every_constant")
+    with pytest.warns(nsq_gpu.ResultWarning, match="radius: .*infinite"):
+        map_of(one_lens(flat)).sum().backward()
+    assert flat.grad is None
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_leaf_that_replaces_another_of_its_value_gets_the_gradient(torch_in_f64: None) -> None:
+    old, new = leaf(40.0), leaf(40.0)
+    scene = one_lens(old)
+    scene.component_registry.compounds[0].surfaces[0].geometry.radius = new
+    map_of(scene).square().sum().backward()
+    assert old.grad is None and new.grad != 0.0
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_gradients_go_with_paths(torch_in_f64: None) -> None:
+    def traced(r1: Any, **more: Any) -> Any:
+        return one_lens(r1).trace(2000, seed=1, backend=live.backend(paths="paths" in more), record_paths="paths" in more)
+
+    r1, alone = leaf(40.0), leaf(40.0)
+    result = traced(r1, paths=True)
+    result.detectors["screen"].data.square().sum().backward()
+    traced(alone).detectors["screen"].data.square().sum().backward()
+    assert len(result.paths) > 1 and len(result.ray_paths["events"]) > 2000
+    assert r1.grad == alone.grad != 0.0
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("options", [{"sampler": "sobol"}, {"target_error": 0.5}, {"time_limit": 60.0}], ids=lambda options: next(iter(options)))
+def test_options_that_do_not_go_with_gradients(options: dict[str, Any], torch_in_f64: None,
+                                              request: pytest.FixtureRequest) -> None:
+    with pytest.raises(nsq_gpu.UsageError, match=next(iter(options))):
+        map_of(one_lens(leaf(40.0)), **options)
+    request.getfixturevalue("every_constant")
+    with pytest.warns(nsq_gpu.ResultWarning, match=f"{next(iter(options))}.*no graph"):
+        assert not map_of(one_lens(leaf(40.0)), **options).requires_grad
 
 
 @pytest.mark.filterwarnings("ignore")

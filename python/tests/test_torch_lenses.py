@@ -196,3 +196,27 @@ def test_tensors_that_would_be_dropped_are_refused() -> None:
     optic.surfaces.surfaces[1].geometry.cs.rx = be.array(0.01)
     with pytest.raises(nsq_gpu.UnsupportedSceneError, match="frames are tilted"):
         nsq_gpu.from_optic(optic)
+
+
+def test_a_face_that_is_met_twice_gets_its_gradient_where_nobody_named_it() -> None:
+    """Where every constant is a leaf, a face's second passage has leaves of its own."""
+    def mangin(radius: Any) -> Any:
+        optic, lens = singlet(60.0, 5.0, 40.0), Optic()
+        lens.surfaces.add(index=0, thickness=be.inf)
+        lens.surfaces.add(index=1, thickness=5.0, radius=radius, material=IdealMaterial(n=1.5), is_stop=True)
+        lens.surfaces.add(index=2, thickness=-5.0, radius=-150.0, material="mirror")
+        lens.surfaces.add(index=3, thickness=-60.0, radius=radius, material="air")
+        lens.surfaces.add(index=4)
+        lens.aperture, lens.fields, lens.wavelengths = optic.aperture, optic.fields, optic.wavelengths
+        return nsq_gpu.from_optic(lens, detector_size=(8.0, 8.0))
+
+    under_torch()
+    named = torch.tensor(-100.0, dtype=torch.float64, requires_grad=True)
+    spread(mangin(named)).backward()
+    be.grad_mode.enable()
+    with pytest.warns(nsq_gpu.ResultWarning, match="surface 3 is the same face as surface 1.*its radius .*no gradient"):
+        scene = mangin(-100.0)
+    spread(scene).backward()
+    first = scene.surfaces[0].geometry.radius
+    assert first.is_leaf and float(first.grad) == pytest.approx(float(named.grad), rel=1e-9)
+    assert named.grad != 0.0

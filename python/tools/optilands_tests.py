@@ -1,4 +1,4 @@
-"""A plugin of pytest for Optiland's own tests of gradients: every trace by its TorchBackend is done by ``nsq-gpu``.
+"""A plugin of pytest for Optiland's own tests of scenes: every trace by its TorchBackend is done by ``nsq-gpu``.
 
 ``make test-torch`` runs it, in the folder of Optiland's source package, which holds the tests.
 """
@@ -12,8 +12,11 @@ import pytest
 
 import nsq_gpu
 
-#: Asks TorchBackend itself for its random numbers, and traces nothing.
-_OF_TORCH_ALONE = "test_visibility_grad_zero_is_documented_limitation"
+#: Tests of what TorchBackend alone has.
+_OF_TORCH_ALONE = {
+    "test_visibility_grad_zero_is_documented_limitation": "it traces nothing, but asks TorchBackend for its random numbers",
+    "test_nonzero_split_depth_warns": "TorchBackend warns that it does not split rays, and nsq-gpu splits them",
+}
 
 _num_traces = 0
 
@@ -32,8 +35,8 @@ def pytest_configure() -> None:
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
-        if item.name == _OF_TORCH_ALONE:
-            item.add_marker(pytest.mark.skip(reason="it traces nothing, but asks TorchBackend for its random numbers"))
+        if item.name in _OF_TORCH_ALONE:
+            item.add_marker(pytest.mark.skip(reason=_OF_TORCH_ALONE[item.name]))
 
 
 def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:

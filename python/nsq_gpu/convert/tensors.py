@@ -14,7 +14,8 @@ from optiland.coordinate_system import CoordinateSystem
 from optiland.nonsequential import NSQScene
 
 from nsq_gpu.convert.report import LensReport
-from nsq_gpu.errors import UnsupportedSceneError, wants_gradient
+from nsq_gpu.errors import ResultWarning, UnsupportedSceneError, wants_gradient, warn
+from nsq_gpu.export.values import all_want_gradients
 from nsq_gpu.frames import number_of
 
 #: Numbers of a scene's shape, and those of Optiland's geometries that they are, the first that exists.
@@ -28,7 +29,7 @@ def attach(scene: NSQScene, optic: Any, report: LensReport) -> None:
     """Put the tensors of an optic that want gradients into its scene.
 
     Raises:
-        UnsupportedSceneError: A tensor has no place in the scene, so that its gradient would be dropped.
+        UnsupportedSceneError: A tensor has no place in the scene, so that its gradient would be dropped, and somebody named it.
     """
     surfaces = optic.surfaces.surfaces
     components = dict(zip(scene.component_names, scene.surfaces, strict=True))
@@ -58,10 +59,17 @@ def attach(scene: NSQScene, optic: Any, report: LensReport) -> None:
         scene.detectors[0].cs = cs
         attached = True
     if wants_gradient(surfaces[0].thickness):
-        raise UnsupportedSceneError("surface 0: the object's distance wants a gradient, but the light of the fields has none; detach it")
+        _drop("surface 0: the object's distance wants a gradient, but the light of the fields has none", "detach it")
     if attached:
         report.remarks.append("tensors that want gradients are kept in faces, media and the image; the light of the fields, sizes, edges, mounts "
                               "and stops are numbers")
+
+
+def _drop(problem: str, remedy: str) -> None:
+    """Refuse a tensor whose gradient would be dropped; where nobody named those that want gradients, warn."""
+    if not all_want_gradients():
+        raise UnsupportedSceneError(f"{problem}; {remedy}")
+    warn(f"{problem}; {remedy}, else it gets no gradient", ResultWarning)
 
 
 def _frame_wants(cs: Any) -> bool:
@@ -78,8 +86,9 @@ def _frame(surfaces: list[Any], index: int) -> CoordinateSystem | None:
     if not steps or wants_gradient(cs.z):
         return cs if _frame_wants(cs) else None
     if cs.reference_cs is not None or any(number_of(getattr(surface.geometry.cs, key)) for surface in surfaces[1:index] for key in _FRAME[3:]):
-        raise UnsupportedSceneError(f"surface {index}: a thickness before it wants a gradient, but frames are tilted, and Optiland keeps no graph of "
-                                    "thicknesses there; give the surface's place as a tensor")
+        _drop(f"surface {index}: a thickness before it wants a gradient, but frames are tilted, and Optiland keeps no graph of thicknesses there",
+              "give the surface's place as a tensor")
+        return cs if _frame_wants(cs) else None
     z = cs.z
     for step in steps:
         z = z + (step - step.detach())
@@ -113,13 +122,14 @@ def _attach_shape(shape: Any, geometry: Any, place: str) -> bool:
             if name == "conic":
                 # A plane has none.
                 continue
-            raise UnsupportedSceneError(f"{place}: its {name} wants a gradient, but the scene's {type(shape).__name__} has none; detach it")
+            _drop(f"{place}: its {name} wants a gradient, but the scene's {type(shape).__name__} has none", "detach it")
+            continue
         own = getattr(shape, name)
         if isinstance(own, list):
             # Zeros at the end are no coefficients of the scene.
             value = _listed(value)
             if len(value) < len(own) or any(wants_gradient(item) for item in _leaves(value[len(own):])):
-                raise UnsupportedSceneError(f"{place}: a coefficient of 0 at the end wants a gradient; give it a value that is not 0, or detach it")
+                _drop(f"{place}: a coefficient of 0 at the end wants a gradient", "give it a value that is not 0, or detach it")
             value = value[:len(own)]
         setattr(shape, name, value)
     return bool(found)
@@ -136,5 +146,4 @@ def _refuse_second(place: str, first: int, geometry: Any, other: Any) -> None:
     for name, value in own.items():
         known = getattr(other.cs, name) if name in _FRAME else _tensors(other).get(name)
         if known is not value:
-            raise UnsupportedSceneError(f"{place} is the same face as surface {first}, met a second time; its {name} needs the same tensor as surface "
-                                        f"{first}")
+            _drop(f"{place} is the same face as surface {first}, met a second time", f"its {name} needs the same tensor as surface {first}")

@@ -17,7 +17,7 @@ from nsq_gpu.export.components import components
 from nsq_gpu.export.detectors import detectors
 from nsq_gpu.export.materials import Media
 from nsq_gpu.export.sources import sources, spectra
-from nsq_gpu.export.values import Json, Wanted, number, refuse, refuse_type, wanted_gradients
+from nsq_gpu.export.values import Json, Wanted, drop_gradient, number, refuse_type, wanted_gradients
 
 #: Version of Optiland's schema that is written.
 SCHEMA_VERSION = 1
@@ -84,14 +84,22 @@ def export(scene: NSQScene) -> ExportedScene:
 
 
 def export_wanted(scene: NSQScene) -> ExportedScene:
-    """Return what :func:`export` does; tensors that want gradients are no error.
+    """Return what :func:`export` does, and the tensors that want gradients, which :func:`export` takes as values.
+
+    Where Optiland makes every constant such a tensor, a warning names those that get no gradient.
 
     Raises:
         UnsupportedSceneError: Such a tensor stands where no number has a name.
     """
     with wanted_gradients():
         found = export(scene)
-    document, block = found.document, found.document.get("nsq_gpu", {})
+        wanted = _named(found.document)
+    return ExportedScene(found.document, found.surface_labels, wanted)
+
+
+def _named(document: Json) -> dict[str, Any]:
+    """Return the tensors of numbers that are wanted, by the numbers' names."""
+    block = document.get("nsq_gpu", {})
     lists = [*(document[key] for key in ("components", "sources", "detectors")), block.get("surfaces", [])]
     entries = [(entry["name"], entry) for entries in lists for entry in entries]
     entries += [pair for key in ("media", "overrides") for pair in block.get(key, {}).items()]
@@ -109,9 +117,8 @@ def export_wanted(scene: NSQScene) -> ExportedScene:
     named = {id(value) for value in wanted.values()}
     for _, value in _wanted_in(document):
         if id(value) not in named:
-            raise refuse(value.place, "it has requires_grad=True, and there is no derivative by it: the number has no name",
-                         "detach it")
-    return ExportedScene(document, found.surface_labels, {name: value.tensor for name, value in wanted.items()})
+            drop_gradient(value.tensor, value.place, "the number has no name")
+    return {name: value.tensor for name, value in wanted.items()}
 
 
 #: Parts of an entry whose numbers have the entry's name.

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import optiland.backend as be
 from optiland.nonsequential.scene import NSQScene
 from optiland.nonsequential.sources.base import Spectrum
 from optiland.nonsequential.sources.collimated import CollimatedSource
@@ -13,7 +14,7 @@ from optiland.nonsequential.sources.extended import ExtendedSource
 from optiland.nonsequential.sources.point import PointSource
 
 from nsq_gpu.export.materials import Media
-from nsq_gpu.export.values import Json, coordinate_system, number, numbers, optional, refuse_gradient, refuse_type, rows
+from nsq_gpu.export.values import Json, coordinate_system, drop_gradient, number, numbers, optional, refuse_type, rows
 from nsq_gpu.sources import Aim, PupilSource
 
 
@@ -26,10 +27,9 @@ def spectra(scene: NSQScene) -> list[Json]:
 def _spectrum(spectrum: Any, place: str) -> Json:
     if type(spectrum) is not Spectrum:
         raise refuse_type(place, "its spectrum", spectrum, "optiland's Spectrum")
-    # Which line a ray has is drawn, and draws have no derivatives.
-    refuse_gradient(spectrum.weights, f"{place}: weights")
+    drop_gradient(spectrum.weights, f"{place}: weights", "which line a ray has is drawn")
     return {"wavelengths": numbers(spectrum.wavelengths, f"{place}: wavelengths"),
-            "weights": numbers(spectrum.weights, f"{place}: weights")}
+            "weights": numbers(be.to_numpy(spectrum.weights), f"{place}: weights")}
 
 
 def sources(scene: NSQScene, media: Media) -> list[Json]:

@@ -6,13 +6,14 @@ import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import optiland.backend as be
 from optiland.coordinate_system import CoordinateSystem
 
-from nsq_gpu.errors import UnsupportedSceneError, UsageError, wants_gradient, without_gradient
+from nsq_gpu.errors import ResultWarning, UnsupportedSceneError, UsageError, wants_gradient, warn
 
 Json = dict[str, Any]
 
@@ -35,30 +36,61 @@ class Wanted(float):
     place: str
 
     def __eq__(self, other: object) -> bool:
-        """Tell whether another number is wanted as well, and the same: a plain one has no tensor."""
-        return isinstance(other, Wanted) and float(self) == float(other)
+        """Tell whether another number is the same, and wanted by the same leaf: a plain one has no tensor."""
+        if not isinstance(other, Wanted) or float(self) != float(other):
+            return False
+        # What is computed from tensors is computed anew with every component.
+        return self.tensor is other.tensor or not (self.tensor.is_leaf or other.tensor.is_leaf)
 
     def __hash__(self) -> int:
         return super().__hash__()
 
 
-#: True while numbers may be tensors that want gradients.
-_are_wanted: ContextVar[bool] = ContextVar("_are_wanted", default=False)
+def all_want_gradients() -> bool:
+    """Tell whether Optiland makes every constant a tensor that wants a gradient, so that nobody names those that do."""
+    return be.get_backend() == "torch" and be.grad_mode.requires_grad
+
+
+@dataclass
+class _Gradients:
+    """Which tensors want gradients while a scene is exported with them."""
+
+    #: Whether somebody named those that do.
+    are_named: bool
+    #: Tensors that get none and were warned of, by their identity.
+    dropped: dict[int, Any] = field(default_factory=dict)
+
+
+#: None where tensors are values.
+_gradients: ContextVar[_Gradients | None] = ContextVar("_gradients", default=None)
 
 
 @contextmanager
 def wanted_gradients() -> Iterator[None]:
-    """Let tensors that want gradients become :class:`Wanted` numbers; else they are refused."""
-    token = _are_wanted.set(True)
+    """Let tensors that want gradients become :class:`Wanted` numbers. Constants that are made meanwhile want none."""
+    everything = all_want_gradients()
+    token = _gradients.set(_Gradients(are_named=not everything))
+    if everything:
+        be.grad_mode.disable()
     try:
         yield
     finally:
-        _are_wanted.reset(token)
+        if everything:
+            be.grad_mode.enable()
+        _gradients.reset(token)
 
 
-def refuse_gradient(value: object, place: str) -> None:
-    """Refuse a tensor that wants a gradient."""
-    without_gradient(place, value, "detach it, or trace with Optiland's TorchBackend")
+def drop_gradient(value: Any, place: str, problem: str, remedy: str = "detach it") -> None:
+    """Refuse a tensor that wants a gradient and can have none; where nobody named it, warn once."""
+    gradients = _gradients.get()
+    if gradients is None or not wants_gradient(value):
+        return
+    problem = f"there is no derivative by it: {problem}"
+    if gradients.are_named:
+        raise refuse(place, f"it has requires_grad=True, and {problem}", remedy)
+    if id(value) not in gradients.dropped:
+        gradients.dropped[id(value)] = value
+        warn(f"{place}: {problem}; it gets no gradient", ResultWarning)
 
 
 def number(value: Any, place: str) -> float:
@@ -72,9 +104,9 @@ def number(value: Any, place: str) -> float:
 def radius(value: Any, place: str) -> float:
     """Return a vertex radius [mm]; infinity, which JSON has no word for, becomes 0: both mean flat."""
     plain = _plain(value, place)
-    if math.isinf(plain) and wants_gradient(value):
-        raise refuse(place, "it is infinite: a flat face has no derivative by its radius",
-                     "give a large radius, such as 1e6, or detach it")
+    if math.isinf(plain):
+        drop_gradient(value, place, "it is infinite, and a flat face has none by its radius",
+                      "give a large radius, such as 1e6, or detach it")
     return 0.0 if math.isinf(plain) else number(plain, place)
 
 
@@ -102,9 +134,8 @@ def numbers(values: Any, place: str) -> list[float]:
     """Return a list of finite numbers."""
     if isinstance(values, list | tuple):
         return [plain for value in values for plain in numbers(value, place)]
-    if _are_wanted.get() and wants_gradient(values):
+    if _gradients.get() and wants_gradient(values):
         return [number(value, place) for value in values.reshape(-1)]
-    refuse_gradient(values, place)
     return [number(value, place) for value in np.asarray(be.to_numpy(values), dtype=np.float64).ravel().tolist()]
 
 
@@ -120,14 +151,13 @@ def rows(values: Any, place: str) -> list[list[float]]:
 def _plain(value: Any, place: str) -> float:
     if isinstance(value, Wanted):
         return value
-    if _are_wanted.get() and wants_gradient(value) and value.numel() == 1:
+    if _gradients.get() and wants_gradient(value) and value.numel() == 1:
         wanted = Wanted(value.item())
         wanted.tensor, wanted.place = value, place
         return wanted
-    refuse_gradient(value, place)
     try:
         return float(value.item() if hasattr(value, "item") else value)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, RuntimeError) as error:
         raise refuse(place, f"{value!r} is no number", "give a number") from error
 
 
