@@ -56,7 +56,7 @@ def to_json(document: Json, indent: int | None = 2) -> str:
 
 
 def export(scene: NSQScene) -> ExportedScene:
-    """Return what :func:`export_scene` writes."""
+    """Return what :func:`export_scene` writes; a tensor that wants a gradient counts as its value."""
     media = Media(wavelength for spectrum in spectra(scene) for wavelength in spectrum["wavelengths"])
     parts = components(scene, media)
     source_list = sources(scene, media)
