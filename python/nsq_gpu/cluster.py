@@ -106,8 +106,9 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
     Raises:
         NsqGpuError: One of its subclasses, by what went wrong.
         UsageError: A worker has another driver than the others, or another build of the program.
-        TraceTimeoutError: The call took longer than ``timeout``; its ``partial`` is the result of the ranges that were done.
-        Interrupted: Ctrl-C ended the call; its ``partial`` likewise.
+        TraceTimeoutError: The call took longer than ``timeout``.
+        Interrupted: Ctrl-C ended the call. The ``partial`` of this and of the errors above is the result of the ranges that
+            were done, where there are any; the live detectors hold it too.
     """
     if num_rays < 2 or parts is not None and parts < 1:
         raise UsageError(f"num_rays is {num_rays} and parts {parts}; give at least 2 rays and 1 part")
@@ -129,17 +130,24 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
         arguments = [f"--{name.replace('_', '-')}={value}" for name, value in
                      {"seed": seed, "max_depth": max_depth, "of_rays": num_rays, **decided, **options}.items()]
 
-        # The ranges that are done; their tallies, of which the first may be a sum; the same in a single sum where it is known.
+        # The ranges that are done; their tallies, of which the first may be a sum; the same, in a single sum where it is known.
         done: list[tuple[int, int]] = []
         tallies: list[bytes] = []
         sums: list[bytes] = []
 
-        def filled() -> tuple[SimulationResult, dict[str, Any]]:
-            """Fill the scene with what is done; return its result and its report."""
+        def filled(partial: bool) -> SimulationResult:
+            """Fill the scene with what is done; return its result."""
             _merge(program, tallies, text, folder, [*_range(*done[0]), *arguments])
             report = read_report(folder / "out")
-            return fill_scene(scene, report, in_folder(folder / "out", report), exported.surface_labels,
-                              report["ray_paths"] is not None), report
+            reached = report["relative_error"]
+            missed = target is not None and not partial and (reached is None or reached > target)
+            told = f"nsq-gpu: the relative error is {reached}, above the target of {target}; give more rays"
+            warn_of(report, told if missed else None)
+            result = fill_scene(scene, report, in_folder(folder / "out", report), exported.surface_labels,
+                                report["ray_paths"] is not None)
+            if partial:
+                result.partial = True
+            return result
 
         try:
             with _client(client, deadline) as used, Shown(progress) as shown:
@@ -161,20 +169,15 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
                         counted.add(ranges[place][1], error)
                         if target is not None and error is not None and error <= target:
                             break
-            result, report = filled()
-        except (KeyboardInterrupt, TraceTimeoutError) as stop:
+            return filled(partial=False)
+        except (KeyboardInterrupt, NsqGpuError) as stop:
             if not tallies:
                 raise
-            partial, _ = filled()
-            partial.partial = True
+            partial = filled(partial=True)
             if isinstance(stop, KeyboardInterrupt):
-                raise Interrupted(partial) from None
+                raise Interrupted(partial) from stop
             stop.partial = partial
             raise
-        reached = report["relative_error"]
-        missed = target is not None and (reached is None or reached > target)
-        warn_of(report, f"nsq-gpu: the relative error is {reached}, above the target of {target}; give more rays" if missed else None)
-        return result
 
 
 def sweep(scene: NSQScene, numbers: Mapping[str, Sequence[float]], num_rays: int, client: Any = None, *, zip: bool = False,
@@ -189,8 +192,9 @@ def sweep(scene: NSQScene, numbers: Mapping[str, Sequence[float]], num_rays: int
     Raises:
         NsqGpuError: One of its subclasses, by what went wrong.
         UsageError: A worker has another driver or build than the others, or a number is none of the scene.
-        TraceTimeoutError: The call took longer than ``timeout``; its ``partial`` is the sweep of the points that were done.
-        Interrupted: Ctrl-C ended the call; its ``partial`` likewise.
+        TraceTimeoutError: The call took longer than ``timeout``.
+        Interrupted: Ctrl-C ended the call. The ``partial`` of this and of the errors above is the sweep of the points that
+            were done, where there are any.
     """
     deadline = _Deadline(timeout)
     text = to_json(export(scene).document, indent=None)

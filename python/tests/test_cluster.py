@@ -219,11 +219,13 @@ def test_workers_may_come_later_than_any_limit_of_dask(address: bool, expected: 
         late = threading.Timer(3.0, lambda: local.scale(1))
         late.start()
         given = local.scheduler.address if address else client
-        assert bits(traced(given, 3)) == expected
+        defaults: set[Any] = set()
+        result = traced(given, 3, progress=lambda done, num_rays, rate: defaults.add(distributed.default_client()))
+        assert bits(result) == expected
+        assert defaults == {client}, "a client of the call's own is nobody's default"
         late.join()
         assert tasks_left(client) == 0
         assert len(client.run_on_scheduler(lambda dask_scheduler: list(dask_scheduler.clients))) == 2, "its own is closed"
-        assert distributed.default_client() is client
 
 
 def test_a_sweep_waits_for_workers() -> None:
@@ -258,8 +260,22 @@ def test_a_long_text_is_sent_once(client: Any, expected: bytes, monkeypatch: pyt
     monkeypatch.setattr(cluster, "_LONG", 0)
     with dask.config.set({"distributed.admin.large-graph-warning-threshold": 1}), warnings.catch_warnings():
         warnings.filterwarnings("error", "Sending large graph")
-        assert bits(traced(client, 4)) == expected
+        keys: set[str] = set()
+
+        def look(done: int, num_rays: int, rate: float) -> None:
+            keys.update(client.run_on_scheduler(lambda dask_scheduler: list(dask_scheduler.tasks)))
+
+        assert bits(traced(client, 4, progress=look)) == expected
+    assert sorted(key.split("-")[0] for key in keys) == ["str"] + ["trace_range"] * 4
     assert tasks_left(client) == 0
+
+
+@posix_only
+def test_a_timeout_holds_before_the_first_task(client: Any, tmp_path: Path) -> None:
+    start = time.monotonic()
+    with pytest.raises(nsq_gpu.TraceTimeoutError):
+        traced(client, binary=str(script(tmp_path / "slow", "[ $1 = trace ] && exec sleep 30")), timeout=1)
+    assert time.monotonic() - start < 4.0
 
 
 # Clients
@@ -350,28 +366,27 @@ def script(path: Path, *lines: str) -> Path:
 
 
 @posix_only
-@pytest.mark.parametrize("call", ["trace", "sweep"])
-def test_a_worker_of_another_build_that_comes_late_is_refused(call: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_worker_of_another_build_that_comes_late_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NSQ_GPU_BINARY", live.binary())
     with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None,
                                   host="127.0.0.1", protocol="tcp") as local, distributed.Client(local) as client, \
             contextlib.ExitStack() as stack:
-        def late(*_: Any) -> None:
+        def late(done: int, num_rays: int, rate: float) -> None:
             if len(client.nthreads()) == 1:
                 stack.enter_context(worker_of(local.scheduler.address, script(tmp_path / "other")))
-                client.wait_for_workers(2, timeout=30)
+                client.wait_for_workers(2, timeout=60)
 
-        with pytest.raises(cluster.UsageError, match=f"the program is another build .*{tmp_path / 'other'}, .*SHA-256"):
-            if call == "trace":
-                traced(client, 40, binary=None, any_driver=True, progress=late)
-            else:
-                late()
-                cluster.sweep(singlet(), {"L.r1": np.linspace(50, 60, 40)}, 1000, client, precision="f64", any_driver=True)
+        named = f"the program is another build .*{tmp_path / 'other'}, .*SHA-256"
+        with pytest.raises(cluster.UsageError, match=named) as caught:
+            traced(client, 40, binary=None, any_driver=True, progress=late)
+        assert caught.value.partial.num_rays_total in range(1250, NUM_RAYS, 1250), "those of the first worker are kept"
+        with pytest.raises(cluster.UsageError, match=named):
+            swept(client, binary=None)
         assert tasks_left(client) == 0
 
 
 def test_builds_of_one_platform_are_one_file_and_all_have_one_version() -> None:
-    def build(machine: str, platform: str = "linux x86_64", version: str = "nsq-gpu 1.0.0", sha256: str = "a") -> cluster.Provenance:
+    def build(machine: str, platform: str = "linux x86_64", version: str = "1.0.0", sha256: str = "a") -> cluster.Provenance:
         return cluster.Provenance(machine, "nsq-gpu", platform, version, sha256)
 
     def check(*found: cluster.Provenance) -> None:
@@ -380,7 +395,7 @@ def test_builds_of_one_platform_are_one_file_and_all_have_one_version() -> None:
             checked.check(one)
 
     check(build("a"), build("b"), build("c", "win32 AMD64", sha256="b"), build("d", "win32 AMD64", sha256="b"))
-    for wrong in ([build("b", sha256="c")], [build("b", "win32 AMD64", "nsq-gpu 1.0.1")],
+    for wrong in ([build("b", sha256="c")], [build("b", "win32 AMD64", "1.0.1")],
                   [build("a", "win32 AMD64", sha256="b"), build("b", "win32 AMD64", sha256="c")]):
         with pytest.raises(cluster.UsageError, match="another build on b than on"):
             check(*wrong)
@@ -391,7 +406,7 @@ def test_a_program_that_was_replaced_is_hashed_and_started_anew(tmp_path: Path) 
     text = to_json(export(singlet()).document, indent=None)
     program = script(tmp_path / "program")
     first = cluster.trace_point(text, {}, {"num_rays": 100}, None, str(program))
-    script(program, f"touch {tmp_path / 'started'}")
+    script(program, f"[ $1 = serve ] && touch {tmp_path / 'started'}")
     second = cluster.trace_point(text, {}, {"num_rays": 100}, None, str(program))
     assert first.by.sha256 != second.by.sha256
     assert (tmp_path / "started").exists()
@@ -513,5 +528,6 @@ def test_a_scheduler_that_ends_is_an_error_of_ours(one_worker: Any) -> None:
         if done == 1000:
             one_worker.cluster.close()
 
-    with pytest.raises(cluster.NsqGpuError, match="failed on the cluster: .*Cancelled"):
+    with pytest.raises(cluster.NsqGpuError, match="failed on the cluster: .*Cancelled") as caught:
         traced(one_worker, 50, progress=close)
+    assert bits(caught.value.partial) == bits_of_the_first(int(caught.value.partial.num_rays_total))
