@@ -240,9 +240,8 @@ def test_a_tensor_is_exported_by_its_name_or_refused(torch_in_f64: None) -> None
     assert names(replaced) == ['"L.front".radius']
     clipped = ClippedConic(-80.0, 0.0, 10.0, Aperture("ellipse", leaf(5.0), 4.0))
     assert names(lambda scene: mirror(scene, shape=clipped)) == ["M.aperture.semi_axis_x"]
-    both = Aperture("union", parts=(Aperture("ellipse", leaf(5.0), 4.0), Aperture("ellipse", 1.0, 9.0)))
     with pytest.raises(nsq_gpu.UnsupportedSceneError, match="the number has no name"):
-        names(lambda scene: mirror(scene, shape=ClippedConic(-80.0, 0.0, 10.0, both)))
+        names(lambda scene: with_unnamed(scene, leaf(5.0)))
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -293,6 +292,13 @@ def with_stop(scene: NSQScene, radius: Any, name: str = "stop") -> NSQScene:
     return scene
 
 
+def with_unnamed(scene: NSQScene, width: Any) -> NSQScene:
+    """Add a mirror, whose aperture holds a number without a name."""
+    outline = Aperture("union", parts=(Aperture("ellipse", width, 4.0), Aperture("ellipse", 1.0, 9.0)))
+    scene.add_component("M", ReflectiveComponent(CoordinateSystem(z=60.0), ClippedConic(-80.0, 0.0, 10.0, outline), 0.9))
+    return scene
+
+
 def map_of(scene: NSQScene, num_rays: int = 2000, **options: Any) -> Any:
     return scene.trace(num_rays, seed=1, backend=live.backend(**options)).detectors["screen"].data
 
@@ -305,11 +311,11 @@ MODES = pytest.mark.parametrize("mode", ["torch_in_f64", "every_constant"])
 @pytest.mark.parametrize("without", [torch.no_grad, torch.inference_mode, None])
 def test_without_gradients_tensors_are_values(without: Any, mode: str, request: pytest.FixtureRequest) -> None:
     request.getfixturevalue("torch_in_f64")
-    expected = map_of(one_lens())
+    expected = map_of(with_unnamed(one_lens(), 5.0))
     request.getfixturevalue(mode)
     options = {} if without else {"gradient": None}
     with without() if without else torch.enable_grad():
-        found = map_of(one_lens(leaf(40.0)), **options)
+        found = map_of(with_unnamed(one_lens(leaf(40.0)), leaf(5.0)), **options)
         # A trace that writes files.
         written = map_of(one_lens(leaf(40.0)), 1_000_001, **options)
     assert torch.equal(found, expected)
@@ -348,6 +354,16 @@ def test_gradients_are_those_of_torch_where_every_constant_wants_one(case: Any, 
     assert be.grad_mode.requires_grad
 
 
+def test_what_the_export_computes_with_wants_no_gradient(every_constant: None) -> None:
+    scene = NSQScene()
+    make_gradients.beam(scene)
+    scene.add_lens("L", CoordinateSystem(z=20.0), LensConfig(60.0, -45.0, 5.0, "N-BK7", 10.0))
+    found = export_wanted(scene)
+    # The back's own frame holds leaves that are no number of the lens, and the glass its coefficients; nothing absorbs.
+    assert {name.rpartition(".")[0] for name in found.wanted} == {
+        "beam", '"L.front"', '"L.back"', '"L.back".cs.reference_cs', '"L.edge"', "N-BK7.n"}
+
+
 @pytest.mark.filterwarnings("ignore")
 def test_constants_get_the_gradients_of_their_numbers(every_constant: None) -> None:
     scene = one_lens()
@@ -383,14 +399,8 @@ def test_what_acts_at_edges_alone_is_a_warning_where_nobody_named_it(every_const
 
 @pytest.mark.filterwarnings("ignore")
 def test_a_number_without_a_name_is_a_warning_where_nobody_named_it(every_constant: None) -> None:
-    def build(width: Any) -> NSQScene:
-        outline = Aperture("union", parts=(Aperture("ellipse", width, 4.0), Aperture("ellipse", 1.0, 9.0)))
-        scene = one_lens()
-        scene.add_component("M", ReflectiveComponent(CoordinateSystem(z=60.0), ClippedConic(-80.0, 0.0, 10.0, outline), 0.9))
-        return scene
-
     width, weights = leaf(5.0), leaf(1.0)
-    scene = build(width)
+    scene = with_unnamed(one_lens(), width)
     scene.sources[0].spectrum.weights = weights.reshape(1)
     with pytest.warns(nsq_gpu.ResultWarning) as caught:
         map_of(scene).sum().backward()
