@@ -374,7 +374,8 @@ def test_constants_get_the_gradients_of_their_numbers(every_constant: None) -> N
               "screen.z": scene.detectors[0].cs.z, "beam.ry": scene.sources[0].cs.ry,
               "glass.n": lens.surfaces[0].material_back.optiland_material.index}
     adjoints = {"screen": 2.0 * data.detach().numpy().reshape(12, 12)}
-    expected = nsq_gpu.loss_gradient(scene, [*leaves, "L.thickness"], adjoints, 2000, seed=1, precision="f64", binary=live.binary())
+    expected = nsq_gpu.loss_gradient(scene, [*leaves, "L.thickness"], adjoints, 2000, seed=1, precision="f64",
+                                     binary=live.binary())
     leaves["L.thickness"] = lens.surfaces[1].cs.z
     for name, tensor in leaves.items():
         assert tensor.is_leaf and expected[name] != 0.0
@@ -445,7 +446,8 @@ def test_gradients_go_with_paths(torch_in_f64: None) -> None:
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("options", [{"sampler": "sobol"}, {"target_error": 0.5}, {"time_limit": 60.0}], ids=lambda options: next(iter(options)))
+@pytest.mark.parametrize("options", [{"sampler": "sobol"}, {"target_error": 0.5}, {"time_limit": 60.0}],
+                         ids=lambda options: next(iter(options)))
 def test_options_that_do_not_go_with_gradients(options: dict[str, Any], torch_in_f64: None,
                                               request: pytest.FixtureRequest) -> None:
     with pytest.raises(nsq_gpu.UsageError, match=next(iter(options))):

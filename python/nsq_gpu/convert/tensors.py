@@ -86,8 +86,8 @@ def _frame(surfaces: list[Any], index: int) -> CoordinateSystem | None:
     if not steps or wants_gradient(cs.z):
         return cs if _frame_wants(cs) else None
     if cs.reference_cs is not None or any(number_of(getattr(surface.geometry.cs, key)) for surface in surfaces[1:index] for key in _FRAME[3:]):
-        _drop(f"surface {index}: a thickness before it wants a gradient, but frames are tilted, and Optiland keeps no graph of thicknesses there",
-              "give the surface's place as a tensor")
+        _drop(f"surface {index}: a thickness before it wants a gradient, but frames are tilted, and Optiland keeps no graph of "
+              "thicknesses there", "give the surface's place as a tensor")
         return cs if _frame_wants(cs) else None
     z = cs.z
     for step in steps:
@@ -146,4 +146,5 @@ def _refuse_second(place: str, first: int, geometry: Any, other: Any) -> None:
     for name, value in own.items():
         known = getattr(other.cs, name) if name in _FRAME else _tensors(other).get(name)
         if known is not value:
-            _drop(f"{place} is the same face as surface {first}, met a second time", f"its {name} needs the same tensor as surface {first}")
+            _drop(f"{place} is the same face as surface {first}, met a second time",
+                  f"its {name} needs the same tensor as surface {first}")
