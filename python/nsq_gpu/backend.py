@@ -18,12 +18,13 @@ from optiland.nonsequential.tracer import SimulationResult
 from nsq_gpu.binary import find_binary
 from nsq_gpu.errors import (
     TOLERANCE_NOT_MET,
+    Interrupted,
     NsqGpuError,
     ResultWarning,
     SceneError,
+    TraceTimeoutError,
     UsageError,
     error_of,
-    wants_gradient,
     warn,
 )
 from nsq_gpu.export import ExportedScene, export, export_wanted, to_json
@@ -31,8 +32,8 @@ from nsq_gpu.export.values import all_want_gradients, whole_number
 from nsq_gpu.gradients import warn_of_lost
 from nsq_gpu.integrity import read_report
 from nsq_gpu.process import ProgressCallback, Shown, Update, run
-from nsq_gpu.results import Load, check_paths, fill_scene, in_folder, warn_of
-from nsq_gpu.session import EXPORTED, Session, shared_session
+from nsq_gpu.results import check_paths, fill_scene, in_folder, warn_of
+from nsq_gpu.session import EXPORTED, Answer, Session, shared_session
 
 PRECISIONS = ("auto", "f32", "f64", "df64")
 SAMPLERS = ("pcg", "sobol")
@@ -138,6 +139,8 @@ class NsqGpuBackend(TracerBackend):
 
         Raises:
             NsqGpuError: One of its subclasses, by what went wrong.
+            Interrupted: Ctrl-C ended the trace. ``partial`` is the result of the rays that were traced, and the live
+                detectors hold it too. So it is with TraceTimeoutError.
         """
         binary = find_binary(self.binary)
         exported = export_wanted(scene) if self._differentiates() else export(scene)
@@ -149,13 +152,26 @@ class NsqGpuBackend(TracerBackend):
             return self._trace_in_session(binary, scene, exported, options, carries_graph)
         with tempfile.TemporaryDirectory(prefix="nsq-gpu-") as name:
             folder = Path(name)
-            not_met = self._run(binary, exported, options, folder)
-            if not (folder / "out" / "report.json").exists():
+            has_result = (folder / "out" / "report.json").exists
+
+            def result_of(not_met: str | None) -> SimulationResult:
+                self.report = read_report(folder / "out")
+                warn_of(self.report, not_met)
+                load = in_folder(folder / "out", self.report)
+                return fill_scene(scene, self.report, load, exported.surface_labels, bool(record_paths))
+
+            try:
+                not_met = self._run(binary, exported, options, folder)
+            except TraceTimeoutError as error:
+                error.partial = _marked(result_of(None)) if has_result() else None
+                raise
+            except KeyboardInterrupt as stop:
+                if not has_result():
+                    raise
+                raise Interrupted(_marked(result_of(None))) from stop
+            if not has_result():
                 raise NsqGpuError(f"{binary} ended without an error, and without a result: is it nsq-gpu?")
-            self.report = read_report(folder / "out")
-            warn_of(self.report, not_met)
-            load = in_folder(folder / "out", self.report)
-            return _fill(scene, exported, self.report, load, options)
+            return result_of(not_met)
 
     def _differentiates(self) -> bool:
         """Tell whether tensors of the scene are to get gradients."""
@@ -199,13 +215,18 @@ class NsqGpuBackend(TracerBackend):
         """Trace in this process's session."""
         session = shared_session(binary, self.adapter)
         text = to_json(exported.document, indent=None)
+
+        def result_of(answer: Answer, partial: bool) -> SimulationResult:
+            self.report = answer.report
+            warn_of(answer.report, answer.missed_target)
+            # The gradient would be of all rays.
+            attach = self._attach(session, text, scene, exported, options) if carries_graph and not partial else None
+            result = fill_scene(scene, answer.report, answer.arrays, exported.surface_labels, "record_paths" in options, attach)
+            return _marked(result) if partial else result
+
         with Shown(self.progress) as shown:
             show = (lambda said: shown.show(Update(said))) if self.progress else None
-            answer = session.request(text, options, timeout=self.timeout, progress=show, name=EXPORTED)
-        self.report = answer.report
-        warn_of(answer.report, answer.missed_target)
-        attach = self._attach(session, text, scene, exported, options) if carries_graph else None
-        return _fill(scene, exported, answer.report, answer.arrays, options, attach)
+            return session.kept(text, options, result_of, timeout=self.timeout, progress=show, name=EXPORTED)
 
     def _attach(self, session: Session, text: str, scene: NSQScene, exported: ExportedScene,
                 options: dict[str, Any]) -> Callable[[], None]:
@@ -254,25 +275,17 @@ class NsqGpuBackend(TracerBackend):
                    "--no-pictures", "--watch-stdin"]
         try:
             with Shown(self.progress) as shown:
-                code, said = run(command, self.timeout, shown, accepted=(0, TOLERANCE_NOT_MET))
+                code, said = run(command, self.timeout, shown, accepted=(0, TOLERANCE_NOT_MET), keeps=True)
         except SceneError as error:
             # The file is ours, and gone when the message is read.
             raise SceneError(str(error).replace(f"{scene_file}: ", "the exported scene: "), stderr=error.stderr) from None
         return str(error_of(code, said.splitlines()[-1])) if code == TOLERANCE_NOT_MET else None
 
 
-def _fill(scene: NSQScene, exported: ExportedScene, report: dict[str, Any], load: Load, options: dict[str, Any],
-          attach: Callable[[], None] | None = None) -> SimulationResult:
-    """Put a trace into the live scene, and its maps on a graph by ``attach``; return its result."""
-    def put() -> None:
-        for live in scene.detectors:
-            # Where Optiland makes every constant a leaf that wants a gradient, the map that it was given is one too.
-            if wants_gradient(getattr(live, "_data", None)):
-                live._data = live._data.detach()
-        if attach is not None:
-            attach()
-
-    return fill_scene(scene, report, load, exported.surface_labels, "record_paths" in options, put)
+def _marked(result: SimulationResult) -> SimulationResult:
+    """Return a result of the rays that a stopped trace has traced, marked as such."""
+    result.partial = True
+    return result
 
 
 def _go_with_gradients(options: dict[str, Any]) -> bool:

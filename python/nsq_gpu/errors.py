@@ -132,8 +132,12 @@ _OURS = tuple(os.path.dirname(os.path.abspath(file)) + os.sep for file in (__fil
 
 
 def warn(message: str, category: type[Warning]) -> None:
-    """Give a warning as that of the user's line, which called this package or Optiland."""
+    """Give a warning as that of the user's line, which called this package, Optiland, or Torch, which calls this package."""
+    def is_users(frame: Any) -> bool:
+        is_torchs = str(frame.f_globals.get("__name__", "")).startswith("torch.")
+        return not is_torchs and not os.path.abspath(frame.f_code.co_filename).startswith(_OURS)
+
     frame, level = sys._getframe(1), 2
-    while frame.f_back is not None and os.path.abspath(frame.f_code.co_filename).startswith(_OURS):
+    while frame.f_back is not None and not is_users(frame):
         frame, level = frame.f_back, level + 1
     warnings.warn(message, category, stacklevel=level)

@@ -20,7 +20,7 @@ from optiland.nonsequential.diagnostics import Diagnostics, build_diagnostics
 from optiland.nonsequential.path_recording import _EVENT_DTYPE
 from optiland.nonsequential.tracer import SimulationResult
 
-from nsq_gpu.errors import NsqGpuError, NsqGpuWarning, ResultWarning, ToleranceWarning, UnsupportedSceneError, warn
+from nsq_gpu.errors import NsqGpuError, NsqGpuWarning, ResultWarning, ToleranceWarning, UnsupportedSceneError, wants_gradient, warn
 from nsq_gpu.integrity import load_arrays
 from nsq_gpu.paths import path_table
 
@@ -184,7 +184,9 @@ def _pixel_area(live: Any) -> float:
 
 
 def _fill_irradiance(live: Any, spec: Json, arrays: Any) -> None:
-    live._data = be.array((arrays["irradiance"] * _pixel_area(live)).ravel())
+    data = be.array((arrays["irradiance"] * _pixel_area(live)).ravel())
+    # Where Optiland makes every constant a leaf that wants a gradient, the map is one too.
+    live._data = data.detach() if wants_gradient(data) else data
 
 
 def _fill_spectral(live: Any, spec: Json, arrays: Any) -> None:

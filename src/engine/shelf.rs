@@ -21,8 +21,11 @@ struct Shader {
     stages: [Option<Arc<Stages>>; 2],
 }
 
-/// Most shaders that a shelf keeps. One takes a driver some megabytes.
+/// Most shaders that a shelf keeps.
 const MOST_SHADERS: usize = 32;
+/// Most bytes of their texts. Parsed and compiled, a shader takes up to a hundred times the memory of its text on
+/// lavapipe; so a shelf takes some 500 MB at most.
+const MOST_BYTES: usize = 5 << 20;
 
 impl Shelf {
     /// An empty shelf.
@@ -33,6 +36,11 @@ impl Shelf {
     /// The number of shaders that it keeps.
     pub fn len(&self) -> usize {
         self.lock().len()
+    }
+
+    /// The bytes of their texts.
+    pub fn num_bytes(&self) -> usize {
+        self.lock().iter().map(|shader| shader.parsed.num_bytes()).sum()
     }
 
     /// True if it keeps none.
@@ -53,7 +61,7 @@ impl Shelf {
         };
         let parsed = shader.parsed.clone();
         shaders.push(shader);
-        let surplus = shaders.len().saturating_sub(MOST_SHADERS);
+        let surplus = surplus(shaders.iter().map(|shader| shader.parsed.num_bytes()));
         shaders.drain(..surplus);
         Ok(parsed)
     }
@@ -69,5 +77,33 @@ impl Shelf {
             return Ok(stages.clone());
         }
         Ok(place.insert(compile()?).clone())
+    }
+}
+
+/// How many texts, of these lengths in bytes and the one used last at the end, are too many. The last one always stays.
+fn surplus(lengths: impl DoubleEndedIterator<Item = usize> + ExactSizeIterator) -> usize {
+    let num = lengths.len();
+    let mut sum = 0;
+    let fits = |length: &usize| {
+        sum += length;
+        sum <= MOST_BYTES
+    };
+    let kept = lengths.rev().take(MOST_SHADERS).take_while(fits).count();
+    num - kept.max(1).min(num)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_shaders_used_last_stay_within_the_bounds() {
+        let surplus = |lengths: &[usize]| super::surplus(lengths.iter().copied());
+        assert_eq!(surplus(&[]), 0);
+        assert_eq!(surplus(&[1; MOST_SHADERS]), 0);
+        assert_eq!(surplus(&[1; MOST_SHADERS + 3]), 3);
+        assert_eq!(surplus(&[MOST_BYTES / 2; 5]), 3);
+        assert_eq!(surplus(&[1, MOST_BYTES + 1]), 1, "the last one stays, however long");
+        assert_eq!(surplus(&[MOST_BYTES, 1]), 1);
     }
 }

@@ -49,6 +49,11 @@ impl Parsed {
         Ok(Parsed { wgsl, rewritten: None, module })
     }
 
+    /// The bytes of its texts: what it takes of a driver's memory is in proportion.
+    pub fn num_bytes(&self) -> usize {
+        self.wgsl.len() + self.rewritten.as_ref().map_or(0, String::len)
+    }
+
     /// The WGSL that the device runs.
     pub fn device_wgsl(&self) -> &str {
         self.rewritten.as_deref().unwrap_or(&self.wgsl)

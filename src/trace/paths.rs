@@ -139,6 +139,10 @@ pub fn table_with_maps(
     let mut is_whole = true;
     // At least one trace, which tells where the light of all rows lies.
     for first in (0..num_maps.max(1)).step_by(per_trace) {
+        if !keep_going() {
+            is_whole = false;
+            break;
+        }
         let last = (first + per_trace).min(num_maps);
         let mut watched = Vec::new();
         for (rank, group) in groups.iter().enumerate() {
@@ -158,7 +162,11 @@ pub fn table_with_maps(
         let wanted = WantedMaps { rays: &tally.rays, watched: &watched, num_maps: num };
         let PathMaps { tally: second, places: of_watched, is_whole: is_done } =
             trace_maps(gpu, ir, trace, &wanted, |wgsl| wgsl, &mut keep_going)?;
-        is_whole &= is_done;
+        if !is_done {
+            // Maps of some of the rays would pass for those of all.
+            is_whole = false;
+            break;
+        }
         if first == 0 {
             places.extend(watched.iter().map(|path| path.sequence).zip(of_watched));
         }
@@ -169,9 +177,6 @@ pub fn table_with_maps(
             peaks.push(map.as_ref().and_then(|map| peak_irradiance(ir, map, unit)));
             // Many large maps would take all memory.
             maps.push(map.filter(|_| maps.len() < MOST_KEPT_CELLS / num_cells));
-        }
-        if !is_done {
-            break;
         }
     }
     let mut rows: Vec<LightPath> = Vec::new();

@@ -156,7 +156,7 @@ fn answer(
     };
     match request {
         Request::Hello => {
-            let num_shaders = session.num_shaders();
+            let [num_shaders, shader_bytes] = session.shaders();
             match session.open() {
                 Ok(gpu) => {
                     let (adapter, driver) = (gpu.info.name.clone(), gpu.info.driver.clone());
@@ -169,6 +169,7 @@ fn answer(
                         "adapter": adapter,
                         "driver": driver,
                         "num_shaders": num_shaders,
+                        "shader_bytes": shader_bytes,
                     }))
                 }
                 Err(error) => output.fail(id, &error),

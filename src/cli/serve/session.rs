@@ -59,9 +59,9 @@ impl Session {
         self.opened = None;
     }
 
-    /// The number of compiled shaders that are kept.
-    pub(crate) fn num_shaders(&self) -> usize {
-        self.opened.as_ref().map_or(0, |opened| opened.shelf.len())
+    /// The number of compiled shaders that are kept, and the bytes of their texts.
+    pub(crate) fn shaders(&self) -> [usize; 2] {
+        self.opened.as_ref().map_or([0, 0], |opened| [opened.shelf.len(), opened.shelf.num_bytes()])
     }
 
     /// Traces. `next` gets the status after each pass, and says how to go on.
