@@ -6,6 +6,7 @@ use crate::cli::trace::stop_on_interrupt;
 use crate::cli::trace_args::{PrecisionArg, SamplerArg, TraceArgs};
 use crate::count;
 use crate::error::{Error, Result};
+use crate::format::pretty_json;
 use crate::gpu::{AdapterChoice, Gpu};
 use crate::model::SceneIr;
 use crate::result::output::Extras;
@@ -205,7 +206,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         true => {
             let paths = traced.table.paths.iter().take(top).cloned().collect();
             let table = PathTable { paths, ..traced.table };
-            serde_json::to_string_pretty(&table).map_err(|e| Error::Internal(e.to_string()))? + "\n"
+            pretty_json(&table).map_err(|e| Error::Internal(e.to_string()))?
         }
         false => {
             result.paths = None;
