@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use crate::format::plain;
+
 /// Everything that can go wrong between a scene file and its results.
 ///
 /// Each variant has one exit code ([`Error::exit_code`]), the same for the command and for programs that run it.
@@ -30,7 +32,7 @@ pub enum Error {
     #[error("{0}")]
     Tolerance(String),
     /// A file could not be read or written.
-    #[error("{}: {problem}", path.display())]
+    #[error("{}: {problem}", plain(&path.display().to_string()))]
     File {
         /// The file or folder.
         path: PathBuf,

@@ -1,23 +1,52 @@
 //! Numbers and names for people.
 
-/// A name as tables, warnings and pictures show it: control characters escaped, and cut after 60 characters. A scene
-/// may use any text as a name, but no name may garble a terminal or flood it.
+/// True for a character that moves a terminal's cursor, breaks a line, or turns the order in which text is read.
+fn is_active(c: char) -> bool {
+    c.is_control()
+        || matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+}
+
+/// A name as tables, warnings and pictures show it: [`plain`], and cut after 60 characters. A scene may use any text as a
+/// name, but no name may garble a terminal or flood it.
 pub(crate) fn shown(name: &str) -> String {
     const MOST_CHARACTERS: usize = 60;
-    let mut shown = String::new();
-    for c in name.chars().take(MOST_CHARACTERS) {
-        if c.is_control() { shown.extend(c.escape_debug()) } else { shown.push(c) }
-    }
+    let mut shown: String = plain(&name.chars().take(MOST_CHARACTERS).collect::<String>());
     if name.chars().nth(MOST_CHARACTERS).is_some() {
         shown.push('…');
     }
     shown
 }
 
-/// Text without control characters, which could garble a terminal.
+/// Text on one line, whose active characters are escaped.
 pub(crate) fn plain(text: &str) -> String {
-    let escaped = |c: char| if c.is_control() { c.escape_debug().to_string() } else { c.to_string() };
-    text.chars().map(escaped).collect()
+    escaped(text, &[])
+}
+
+/// Text as it goes to a terminal: active characters are escaped, but for the ends of lines and tabs.
+pub(crate) fn for_terminal(text: &str) -> String {
+    escaped(text, &['\n', '\t'])
+}
+
+fn escaped(text: &str, kept: &[char]) -> String {
+    let mut escaped = String::with_capacity(text.len());
+    for c in text.chars() {
+        if is_active(c) && !kept.contains(&c) { escaped.extend(c.escape_default()) } else { escaped.push(c) }
+    }
+    escaped
+}
+
+/// A value as indented JSON that ends in a line break. Active characters, which stand in strings alone, are written as
+/// `\u202e`, which means the same.
+pub(crate) fn pretty_json(value: &impl serde::Serialize) -> serde_json::Result<String> {
+    let text = serde_json::to_string_pretty(value)? + "\n";
+    let mut safe = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            c if c != '\n' && is_active(c) => safe.push_str(&format!("\\u{:04x}", u32::from(c))),
+            c => safe.push(c),
+        }
+    }
+    Ok(safe)
 }
 
 /// A text as a cell of comma-separated values, quoted where RFC 4180 asks for it. An apostrophe comes before what a
@@ -107,7 +136,21 @@ pub(crate) fn si_prefix(value: f64) -> (f64, &'static str) {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used, reason = "a test may fail")]
+
     use super::*;
+
+    #[test]
+    fn no_active_character_is_left() {
+        let text = "a\u{1b}[2J\u{7f}\u{9b}\u{202e}\u{2066}\u{200f}\u{61c}\u{2028}é\r\t\n";
+        let escaped = r"a\u{1b}[2J\u{7f}\u{9b}\u{202e}\u{2066}\u{200f}\u{61c}\u{2028}é\r";
+        assert_eq!(plain(text), format!(r"{escaped}\t\n"));
+        assert_eq!(for_terminal(text), format!("{escaped}\t\n"));
+        assert_eq!(shown(&"\u{202e}".repeat(61)), r"\u{202e}".repeat(60) + "…");
+        let safe = pretty_json(&[text]).unwrap();
+        assert!(safe.contains(r"a\u001b[2J\u007f\u009b\u202e\u2066\u200f\u061c\u2028é\r\t\n"), "{safe}");
+        assert_eq!(serde_json::from_str::<Vec<String>>(&safe).unwrap(), [text]);
+    }
 
     #[test]
     fn no_cell_of_a_csv_is_a_formula_or_more_than_a_cell() {

@@ -5,6 +5,7 @@ use crate::bench::machine;
 use crate::bench::runner::{CaseResult, Measurement, PeerMeasurement};
 use crate::bench::statistics::Summary;
 use crate::error::{Error, Result};
+use crate::format::pretty_json;
 use crate::gpu::{AdapterInfo, processors};
 use crate::result::png::bars::{Bar, Bars, Group, write_bars};
 use serde::{Deserialize, Serialize};
@@ -132,7 +133,7 @@ impl BenchReport {
 
     /// The document.
     pub fn to_json(&self) -> String {
-        serde_json::to_string_pretty(self).map_or_else(|error| error.to_string(), |text| text + "\n")
+        pretty_json(self).unwrap_or_else(|error| error.to_string())
     }
 
     /// A line per case, engine and precision, with a header.

@@ -1,7 +1,7 @@
 //! `nsq-gpu check`: finds, without tracing, everything that `trace` would refuse.
 
 use crate::error::Result;
-use crate::format::shown;
+use crate::format::{plain, shown};
 use std::fmt::Write;
 use std::path::PathBuf;
 
@@ -16,7 +16,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<String> {
     let scene = crate::cli::console::read_scene(&args.scene)?;
     let ir = scene.lower()?;
-    let mut text = format!("{} can be traced.\n", args.scene.display());
+    let mut text = format!("{} can be traced.\n", plain(&args.scene.display().to_string()));
     let mut list = |title: &str, names: Vec<String>| {
         let _ = writeln!(text, "  {title} ({}): {}", names.len(), names.join(", "));
     };
@@ -27,7 +27,7 @@ pub fn run(args: &Args) -> Result<String> {
     let wavelengths: Vec<String> = ir.wavelengths.iter().map(|w| format!("{w} um")).collect();
     let _ = writeln!(text, "  wavelengths ({}): {}", wavelengths.len(), wavelengths.join(", "));
     let _ = writeln!(text, "  max_depth: {}, unless given", crate::model::depth::of_scene(&ir));
-    for warning in &scene.warnings {
+    for warning in scene.warnings.iter().chain(&scene.f32_warnings) {
         let _ = writeln!(text, "  warning: {warning}");
     }
     Ok(text)

@@ -1,7 +1,7 @@
 //! `nsq-gpu compare`: tests whether two results differ by more than chance.
 
 use crate::error::{Error, Result};
-use crate::format::{shown, significant, thousands};
+use crate::format::{pretty_json, shown, significant, thousands};
 use crate::result::TraceResult;
 use crate::result::comparison::{DetectorComparison, ResultComparison, compare};
 use std::fmt::Write;
@@ -38,9 +38,7 @@ pub fn run(args: &Args) -> Result<String> {
     }
     let found = compare(&a, &b, args.sigmas);
     let text = match args.json {
-        true => {
-            serde_json::to_string_pretty(&found).map_err(|error| Error::Internal(error.to_string()))? + "\n"
-        }
+        true => pretty_json(&found).map_err(|error| Error::Internal(error.to_string()))?,
         false => {
             header(&args.a, "A", &a) + &header(&args.b, "B", &b) + "\n" + &table(&found) + &notes(&found)
         }

@@ -1,6 +1,7 @@
 //! What commands share: reading a scene, messages on stderr, printing the result.
 
 use crate::error::{Error, Result};
+use crate::format::{for_terminal, plain};
 use crate::model::SceneIr;
 use crate::scene::Scene;
 #[cfg(feature = "software")]
@@ -10,7 +11,7 @@ use std::path::Path;
 
 /// Reads a scene. An error about its contents begins with the file's name, because a script may trace many files.
 pub(crate) fn read_scene(path: &Path) -> Result<Scene> {
-    Scene::from_path(path).map_err(|error| named(error, &path.display().to_string()))
+    Scene::from_path(path).map_err(|error| named(error, &plain(&path.display().to_string())))
 }
 
 /// An error about a scene's contents, with the scene's name before the place.
@@ -23,19 +24,19 @@ pub(crate) fn named(error: Error, name: &str) -> Error {
     }
 }
 
-/// Prints the result. A closed pipe (`nsq-gpu ... | head`) is no error.
+/// Prints the result, which may hold names and paths of any kind, fit for a terminal. A closed pipe (`nsq-gpu ... | head`) is no error.
 pub(crate) fn print(text: &str) -> Result<()> {
     let mut stdout = std::io::stdout().lock();
-    let written = stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush());
+    let written = stdout.write_all(for_terminal(text).as_bytes()).and_then(|()| stdout.flush());
     match written {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(Error::file("stdout", error)),
         _ => Ok(()),
     }
 }
 
-/// Writes a message to stderr; it is no part of the result.
+/// Writes a message to stderr, fit for a terminal; it is no part of the result. Without stderr, it cannot be told.
 pub(crate) fn say(text: &str) {
-    let _ = writeln!(std::io::stderr(), "{text}");
+    let _ = writeln!(std::io::stderr(), "{}", for_terminal(text));
 }
 
 /// Lets lavapipe compute in vectors as wide as suits this trace. Must be called before other threads and adapters.

@@ -85,7 +85,7 @@ impl Args {
         if self.set.is_empty() {
             return Ok((read_scene(path)?, name));
         }
-        let text = std::fs::read_to_string(path).map_err(|error| Error::file(path, error))?;
+        let text = Scene::text(path)?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let scene = Scene::with_numbers(&text, folder, &self.set).map_err(|error| named(error, &name))?;
         let set: Vec<String> = self.set.iter().map(|(name, value)| format!("{name} = {value}")).collect();
@@ -130,8 +130,10 @@ pub fn run(args: &Args) -> Result<String> {
         !stop.load(Ordering::Relaxed)
     })?;
     shown.finish();
-    let mut scene_warnings = a.warnings.clone();
-    scene_warnings.extend(b.warnings.iter().filter(|warning| !a.warnings.contains(warning)).cloned());
+    let mut scene_warnings = a.warnings_in(options.precision);
+    let of_b = b.warnings_in(options.precision);
+    let new: Vec<String> = of_b.into_iter().filter(|warning| !scene_warnings.contains(warning)).collect();
+    scene_warnings.extend(new);
     let found = SceneDifference {
         names: [args.a.display().to_string(), name_of_b],
         run: RunInfo {

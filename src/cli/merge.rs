@@ -3,7 +3,8 @@
 use crate::cli::console::{read_scene, say};
 use crate::cli::trace::Printed;
 use crate::error::{Error, Result};
-use crate::model::SceneIr;
+use crate::format::plain;
+use crate::model::{Precision, SceneIr};
 use crate::result::{PathTally, RaySet, RunInfo, Tally, TraceResult, output};
 use crate::scene::Scene;
 use crate::trace::checkpoint::{Checkpoint, Identity};
@@ -47,18 +48,18 @@ pub fn run(args: &Args) -> Result<String> {
     if crate::trace::checkpoint::scene_hash(&ir) != parts[0].identity.scene_hash {
         return Err(Error::Usage(format!(
             "the scene in {} is not, or no longer, the one that {} was traced of; name that one by --scene",
-            path.display(),
+            plain(&path.display().to_string()),
             args.results[0].display()
         )));
     }
-    check(&args.results, &parts)?;
+    check(&args.results, &parts, &ir)?;
     if let Some(dir) = &args.output {
         let names = ir.detectors.iter().map(|detector| detector.name.as_str());
         let ray_paths = parts.iter().any(|part| !part.tally.paths.is_empty());
         let paths = parts.iter().any(|part| part.tally.path_sums.is_some());
         output::check(dir, &output::file_names(names, !args.no_pictures, ray_paths, paths, true))?;
     }
-    let merged = merge(&ir, &parts);
+    let merged = merge(&ir, &parts)?;
     if merged.tally.path_sums.as_ref().is_some_and(PathTally::is_too_large) {
         return Err(Error::Usage(
             "the results have more paths together than their tables have rows, and no part knows which of them then have \
@@ -82,10 +83,14 @@ pub fn run(args: &Args) -> Result<String> {
     crate::cli::trace::deliver(&result, || merged.to_bytes().map(Some), args.output.as_deref(), printed)
 }
 
-/// Adds the sums of all parts.
-fn merge(ir: &SceneIr, parts: &[Checkpoint]) -> Checkpoint {
+/// Adds the sums of all parts, which were checked.
+fn merge(ir: &SceneIr, parts: &[Checkpoint]) -> Result<Checkpoint> {
     let mut tally = Tally::zeros(ir);
-    parts.iter().for_each(|part| tally += &part.tally);
+    for part in parts {
+        tally += &part.tally;
+        let together = |problem| Error::Usage(format!("what the results come to together {problem}"));
+        tally.check_sums().map_err(together)?;
+    }
     tally.sort_rows(ir);
     let all = |value: fn(&Identity) -> &String| {
         let mut values: Vec<&str> = parts.iter().map(|part| value(&part.identity).as_str()).collect();
@@ -102,11 +107,11 @@ fn merge(ir: &SceneIr, parts: &[Checkpoint]) -> Checkpoint {
         driver: all(|identity| &identity.driver),
         ..parts[0].identity.clone()
     };
-    Checkpoint { identity, tally }
+    Ok(Checkpoint { identity, tally })
 }
 
 /// Refuses results that cannot be added: of different traces, or of the same rays.
-fn check(paths: &[PathBuf], parts: &[Checkpoint]) -> Result<()> {
+fn check(paths: &[PathBuf], parts: &[Checkpoint], ir: &SceneIr) -> Result<()> {
     paths.iter().zip(parts).try_for_each(|(path, part)| part.check_rows(path, "--first-ray"))?;
     for (path, part) in paths.iter().zip(parts) {
         let differences = parts[0].identity.differences(&part.identity);
@@ -119,6 +124,7 @@ fn check(paths: &[PathBuf], parts: &[Checkpoint]) -> Result<()> {
             )));
         }
     }
+    paths.iter().zip(parts).try_for_each(|(path, part)| part.check(path, ir))?;
     for (index, (path, part)) in paths.iter().zip(parts).enumerate() {
         for (other_path, other) in paths.iter().zip(parts).take(index) {
             if let Some((first, end)) = part.tally.rays.overlap(&other.tally.rays) {
@@ -174,7 +180,10 @@ fn run_info(path: &Path, scene: &Scene, merged: &Checkpoint) -> RunInfo {
         sampler: identity.sampler.clone(),
         adapter: identity.adapter.clone(),
         driver: identity.driver.clone(),
-        scene_warnings: scene.warnings.clone(),
+        scene_warnings: scene.warnings_in(match identity.precision.as_str() {
+            "f32" => Precision::F32,
+            _ => Precision::F64,
+        }),
         first_ray: identity.first_ray,
         of_rays: identity.of_rays,
         ..RunInfo::default()

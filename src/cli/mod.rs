@@ -26,10 +26,10 @@ mod trace_args;
 #[cfg(feature = "viewer")]
 mod view;
 
-use crate::cli::console::print;
+use crate::cli::console::{print, say};
+use crate::format::for_terminal;
 use clap::error::{ContextKind, ErrorKind};
 use clap::{Parser, Subcommand};
-use std::io::Write;
 use std::process::ExitCode;
 use std::time::Instant;
 
@@ -88,7 +88,7 @@ pub fn main() -> ExitCode {
     let start = Instant::now();
     quiet_drivers();
     ignore_file_size_signal();
-    let cli = Cli::try_parse().unwrap_or_else(|error| without_misleading_tip(error).exit());
+    let cli = Cli::try_parse().unwrap_or_else(|error| refuse(&without_misleading_tip(error)));
     let printed = match cli.command {
         Command::Trace(args) => trace::run(&args, start),
         Command::Merge(args) => merge::run(&args),
@@ -111,11 +111,20 @@ pub fn main() -> ExitCode {
     match printed.and_then(|text| print(&text)) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            // If stderr is closed, the error cannot be reported.
-            let _ = writeln!(std::io::stderr(), "nsq-gpu: {error}");
+            say(&format!("nsq-gpu: {error}"));
             ExitCode::from(error.exit_code())
         }
     }
+}
+
+/// Ends with the parser's words, which repeat arguments: where one would garble a terminal, without colours and escaped.
+fn refuse(error: &clap::Error) -> ! {
+    let text = error.render().to_string();
+    if !error.use_stderr() || text == for_terminal(&text) {
+        error.exit();
+    }
+    say(text.trim_end());
+    std::process::exit(error.exit_code())
 }
 
 /// Keeps Mesa's drivers from writing to stderr. Must be called before other threads and adapters, as

@@ -6,6 +6,7 @@ use crate::cli::stops::stop_on_interrupt;
 use crate::cli::trace_args::{PrecisionArg, SamplerArg, TraceArgs};
 use crate::count;
 use crate::error::{Error, Result};
+use crate::format::pretty_json;
 use crate::gpu::{AdapterChoice, Gpu};
 use crate::model::SceneIr;
 use crate::result::output::Extras;
@@ -176,7 +177,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         precision_warning: choice.warning,
         trace_time_sec,
         first_rays_sec: tracer.first_end().map(|end| (end - start).as_secs_f64()),
-        scene_warnings: scene.warnings.clone(),
+        scene_warnings: scene.warnings_in(options.precision),
         partial,
         stopped_by: stopped_by.filter(|_| partial),
         target_error: args.trace.target_error,
@@ -207,7 +208,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
             let table = PathTable { paths, ..traced.table };
             let mut document = serde_json::to_value(&table).map_err(|e| Error::Internal(e.to_string()))?;
             document["partial"] = result.run.partial.into();
-            format!("{document:#}\n")
+            pretty_json(&document).map_err(|e| Error::Internal(e.to_string()))?
         }
         false => {
             result.paths = None;

@@ -196,7 +196,7 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
             "--gradient gives errors of derivatives alone; leave out --standard-error on".into(),
         ));
     }
-    let text = std::fs::read_to_string(&args.scene).map_err(|error| Error::file(&args.scene, error))?;
+    let text = Scene::text(&args.scene)?;
     let folder = args.scene.parent().unwrap_or(Path::new(""));
     let change = |ir: &mut SceneIr| args.trace.override_sampling(ir);
     let differentiated = Differentiated::new(&text, folder, &[], names, change)
@@ -243,7 +243,7 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
     let without_edges =
         gradients.iter().filter(|row| is_stopped && args.gradient_edges && row.with_edges.is_none());
     let without_edges: BTreeSet<&str> = without_edges.map(|row| row.parameter.as_str()).collect();
-    let mut warnings = differentiated.warnings.clone();
+    let mut warnings = differentiated.warnings_in(options.precision);
     warnings.extend(differentiated.notes(&options)?);
     let stopped =
         |what: &str, name: &str| format!("stopped before the {what} by `{}`", crate::format::shown(name));
@@ -496,7 +496,7 @@ fn trace(
         num_rays_before,
         first_rays_sec: tracer.first_end().map(|end| (end - *command_start).as_secs_f64()),
         stage_times,
-        scene_warnings: scene.warnings.clone(),
+        scene_warnings: scene.warnings_in(options.precision),
         partial,
         stopped_by: session.stopped_by.filter(|_| partial),
         target_error: args.trace.target_error,

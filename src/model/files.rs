@@ -1,24 +1,26 @@
-//! Files that a scene names: read whole, and at once or not at all.
+//! Scenes, and files that a scene names: read whole, and at once or not at all.
 
 use std::io::{Error, Read, Result};
 use std::path::Path;
 
-/// The contents of a file of at most `most` bytes. A pipe could keep a trace waiting for ever and a device has no end, so that
+/// The contents of a file of at most `most` bytes; a longer one is not read. A pipe could keep a trace waiting for ever and a device has no end, so that
 /// neither is opened.
 pub(crate) fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
-    let kind = std::fs::metadata(path)?;
-    if kind.is_dir() {
+    let found = std::fs::metadata(path)?;
+    if found.is_dir() {
         return Err(Error::other("it is a folder, and no file"));
     }
-    if !kind.is_file() {
+    if !found.is_file() {
         return Err(Error::other("it is a pipe or a device, and no file"));
+    }
+    let too_long = || Error::other(format!("the file is longer than {most} bytes"));
+    if found.len() > most {
+        return Err(too_long());
     }
     let mut bytes = Vec::new();
     std::fs::File::open(path)?.take(most + 1).read_to_end(&mut bytes)?;
-    if bytes.len() as u64 > most {
-        return Err(Error::other(format!("the file is longer than {most} bytes")));
-    }
-    Ok(bytes)
+    // It may have grown meanwhile.
+    if bytes.len() as u64 > most { Err(too_long()) } else { Ok(bytes) }
 }
 
 /// Text in any encoding that editors write. Beyond ASCII there are names and comments alone, so that what is neither UTF-8 nor

@@ -35,6 +35,7 @@ mod run_info;
 mod stopped_by;
 mod stored;
 pub mod tally;
+mod tally_check;
 mod text;
 mod trace_result;
 pub mod uncertainty;

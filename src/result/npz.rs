@@ -107,7 +107,7 @@ impl ArrayWriter {
             Destination::File { path, writer } => {
                 step();
                 let added = writer.add_array_with_options(name, array, options);
-                added.map_err(|error| Error::file(path.as_path(), error))
+                added.map_err(|error| unwritten(path, &error))
             }
             Destination::Memory(arrays) => {
                 let mut bytes = Vec::new();
@@ -163,11 +163,17 @@ impl ArrayWriter {
             Destination::Memory(arrays) => return Ok(arrays),
             Destination::File { path, writer } => (path, writer),
         };
-        let buffer = writer.finish().map_err(|error| Error::file(&path, error))?;
+        let buffer = writer.finish().map_err(|error| unwritten(&path, &error))?;
         let inner = buffer.into_inner().map_err(|error| Error::file(&path, error.error()))?;
         inner.file.sync_all().map_err(|error| Error::file(&path, error))?;
         Ok(Vec::new())
     }
+}
+
+/// An archive that could not be written. The first of all causes is told: what the system said.
+fn unwritten(path: &Path, error: &(dyn std::error::Error + 'static)) -> Error {
+    let cause = std::iter::successors(Some(error), |error| error.source()).last().unwrap_or(error);
+    Error::file(path, cause)
 }
 
 /// A member of an archive from this size on needs a header of its own kind \[bytes\]; the `.npy` header is counted in.

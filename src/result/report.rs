@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
+use crate::format::pretty_json;
 use crate::result::StoppedBy;
 use crate::result::integrity::Meta;
 use crate::result::paths::{LightPath, OtherLight};
@@ -206,10 +207,10 @@ impl Report {
         }
     }
 
-    /// The document as indented JSON, with a final line break.
+    /// The document as indented JSON, with a final line break, fit for a terminal.
     pub fn to_json(&self) -> String {
         // Every key is a string and every value a plain one: serialisation has no way to fail.
-        serde_json::to_string_pretty(self).unwrap_or_default() + "\n"
+        pretty_json(self).unwrap_or_default()
     }
 }
 

@@ -27,7 +27,7 @@ impl TraceResult {
 
     pub(crate) fn header(&self) -> String {
         let run = &self.run;
-        let scene = run.scene.as_ref().map_or(String::new(), |scene| format!(" of {scene}"));
+        let scene = run.scene.as_ref().map_or(String::new(), |scene| format!(" of {}", plain(scene)));
         let partial = if run.partial {
             match run.stopped_by {
                 Some(StoppedBy::TargetError) => format!(" (of at most {})", thousands(run.num_rays)),

@@ -4,6 +4,9 @@
 use std::f64::consts::FRAC_PI_2;
 
 use glam::{DMat3, DVec2, DVec3};
+use obvhs::aabb::Aabb;
+use obvhs::bvh2::Bvh2;
+use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 
 use crate::model::place::quoted;
 use crate::model::shapes;
@@ -21,10 +24,34 @@ pub(super) fn warnings(
     meshes: &[Mesh],
     media: &MediaTable,
 ) -> Vec<String> {
-    let mut warnings = hidden_detectors(file, surfaces, meshes);
-    warnings.extend(absorbers_in_surfaces(surfaces, meshes));
-    warnings
-        .extend(file.sources.iter().filter_map(|source| births_in_faces(source, surfaces, meshes, media)));
+    warnings_near(file, surfaces, meshes, media, Near::of)
+}
+
+/// The same, where `near` finds faces that may coincide with one.
+fn warnings_near(
+    file: &SceneFile,
+    surfaces: &[SceneSurface],
+    meshes: &[Mesh],
+    media: &MediaTable,
+    near: fn(Vec<(usize, Aabb)>) -> Near,
+) -> Vec<String> {
+    let limits: Vec<[DVec3; 2]> = meshes.iter().map(limits_of).collect();
+    let face = |surface| Face::of(surface, meshes, &limits);
+    let faces: Vec<Face<'_>> = surfaces.iter().map(face).collect();
+    let absorbs = |surface: usize| surfaces[surface].interaction == Interaction::Absorbing;
+    let boxes = |is_in: &dyn Fn(usize) -> bool| {
+        (0..faces.len()).filter(|&face| is_in(face)).map(|face| (face, faces[face].bounds())).collect()
+    };
+    let (all, others) = (near(boxes(&|_| true)), near(boxes(&|face| !absorbs(face))));
+    let detectors: Vec<_> = file.detectors.iter().map(|detector| lowered(detector, None)).collect();
+    let detectors: Vec<Flat<'_>> = detectors
+        .iter()
+        .map(|detector| Flat::new(&detector.name, detector.frame, detector.outline(), 0.0))
+        .collect();
+    let mut warnings = hidden_detectors(&detectors, surfaces, &faces, &all, near);
+    warnings.extend(absorbers_in_surfaces(surfaces, &faces, &others));
+    let births = |source| births_in_faces(source, surfaces, &faces, &all, media);
+    warnings.extend(file.sources.iter().filter_map(births));
     warnings
 }
 
@@ -33,7 +60,8 @@ pub(super) fn warnings(
 fn births_in_faces(
     source: &Source,
     surfaces: &[SceneSurface],
-    meshes: &[Mesh],
+    faces: &[Face<'_>],
+    near: &Near,
     media: &MediaTable,
 ) -> Option<String> {
     /// Within which a direction lies in a face \[rad\].
@@ -43,13 +71,13 @@ fn births_in_faces(
     let half_angle = kind.half_angle();
     let outline = if kind.is_point() { Outline::Disk { radius: POINT } } else { kind.births() };
     let flat = Flat::new(source.name(), frame, outline, 0.0);
-    surfaces.iter().find_map(|surface| {
+    near.to(&flat.bounds()).into_iter().find_map(|index| {
+        let (surface, face) = (&surfaces[index], &faces[index]);
         let divides = match surface.interaction {
             Interaction::Refractive => media.id(&surface.front) != media.id(&surface.back),
             Interaction::Reflective { .. } => true,
             Interaction::Absorbing => false,
         };
-        let face = Face::of(surface, meshes);
         let normal = if kind.is_point() { face.normal_at(frame.origin)? } else { face.normal_under(&flat)? };
         let rise = normal.normalize().dot(frame.rotation.z_axis);
         let crosses = half_angle > FRAC_PI_2 + ANGLE || rise.abs() < half_angle.sin() - ANGLE;
@@ -77,36 +105,43 @@ fn births_in_faces(
 }
 
 /// Detectors in the plane of a surface, or of a detector before them in the list.
-fn hidden_detectors(file: &SceneFile, surfaces: &[SceneSurface], meshes: &[Mesh]) -> Vec<String> {
-    let detectors: Vec<_> = file.detectors.iter().map(|detector| lowered(detector, None)).collect();
-    let faces: Vec<Face<'_>> = surfaces.iter().map(|surface| Face::of(surface, meshes)).collect();
-    let mut before: Vec<Flat<'_>> = Vec::new();
+fn hidden_detectors(
+    detectors: &[Flat<'_>],
+    surfaces: &[SceneSurface],
+    faces: &[Face<'_>],
+    near: &Near,
+    near_of: fn(Vec<(usize, Aabb)>) -> Near,
+) -> Vec<String> {
+    let near_detectors = near_of(detectors.iter().map(Flat::bounds).enumerate().collect());
     let mut warnings = Vec::new();
-    for detector in &detectors {
-        let flat = Flat::new(&detector.name, detector.frame, detector.outline(), 0.0);
-        let surface = surfaces.iter().zip(&faces).find(|(_, face)| face.covers_flat(&flat));
-        let earlier = || before.iter().find(|other| other.covers(&flat)).map(|other| other.name);
-        if let Some(other) = surface.map(|(surface, _)| surface.name.as_str()).or_else(earlier) {
+    for (index, flat) in detectors.iter().enumerate() {
+        let bounds = flat.bounds();
+        let surface = near.to(&bounds).into_iter().find(|&face| faces[face].covers_flat(flat));
+        let earlier = || {
+            let mut before = near_detectors.to(&bounds).into_iter().take_while(|&other| other < index);
+            before.find(|&other| detectors[other].covers(flat)).map(|other| detectors[other].name)
+        };
+        if let Some(other) = surface.map(|surface| surfaces[surface].name.as_str()).or_else(earlier) {
             warnings.push(format!(
                 "detector {} lies in the plane of {}: where the two coincide, rays meet the latter alone, as in Optiland; \
                  move one by a micrometre",
-                quoted(&detector.name),
+                quoted(flat.name),
                 quoted(other)
             ));
         }
-        before.push(flat);
     }
     warnings
 }
 
-/// Absorbers that coincide with a surface of another kind: the first in the list is met.
-fn absorbers_in_surfaces(surfaces: &[SceneSurface], meshes: &[Mesh]) -> Vec<String> {
-    let absorbs = |surface: &SceneSurface| surface.interaction == Interaction::Absorbing;
-    let faces: Vec<Face<'_>> = surfaces.iter().map(|surface| Face::of(surface, meshes)).collect();
+/// Absorbers that coincide with a surface of another kind: the first in the list is met. `others` are those of another
+/// kind.
+fn absorbers_in_surfaces(surfaces: &[SceneSurface], faces: &[Face<'_>], others: &Near) -> Vec<String> {
     let mut warnings = Vec::new();
-    for (i, absorber) in surfaces.iter().enumerate().filter(|(_, surface)| absorbs(surface)) {
-        let others = surfaces.iter().enumerate().filter(|(_, surface)| !absorbs(surface));
-        for (j, other) in others.filter(|(j, _)| faces[i].coincides(&faces[*j])) {
+    let all = surfaces.iter().enumerate();
+    for (i, absorber) in all.filter(|(_, surface)| surface.interaction == Interaction::Absorbing) {
+        let near = others.to(&faces[i].bounds()).into_iter();
+        for j in near.filter(|&j| faces[i].coincides(&faces[j])) {
+            let other = &surfaces[j];
             let first = if i < j { absorber } else { other };
             warnings.push(format!(
                 "absorber {} lies in {}: where the two coincide, rays meet {} alone, the first in the list; move one by a \
@@ -120,19 +155,84 @@ fn absorbers_in_surfaces(surfaces: &[SceneSurface], meshes: &[Mesh]) -> Vec<Stri
     warnings
 }
 
+/// Finds faces by their boxes: among very many, few can coincide with one.
+struct Near {
+    items: Vec<usize>,
+    tree: Bvh2,
+}
+
+impl Near {
+    /// Items, ascending, each with its box.
+    fn of(boxes: Vec<(usize, Aabb)>) -> Self {
+        let (items, boxes): (Vec<usize>, Vec<Aabb>) = boxes.into_iter().unzip();
+        let order = (0..boxes.len() as u32).collect();
+        let (distance, precision) = (PlocSearchDistance::VeryLow, SortPrecision::U64);
+        let tree = PlocBuilder::new().build(distance, &boxes, order, precision, 0);
+        Near { items, tree }
+    }
+
+    /// The items whose boxes meet one, ascending.
+    fn to(&self, bounds: &Aabb) -> Vec<usize> {
+        let mut found = Vec::new();
+        let mut to_do = Vec::from_iter((!self.items.is_empty()).then_some(0));
+        while let Some(node) = to_do.pop() {
+            let node = &self.tree.nodes[node];
+            let first = node.first_index as usize;
+            match (node.aabb().intersect_aabb(bounds), node.is_leaf()) {
+                (false, _) => {}
+                (true, false) => to_do.extend([first, first + 1]),
+                (true, true) => {
+                    let leaf = &self.tree.primitive_indices[first..first + node.prim_count as usize];
+                    found.extend(leaf.iter().map(|&place| self.items[place as usize]));
+                }
+            }
+        }
+        found.sort_unstable();
+        #[cfg(test)]
+        tests::COMPARED.set(tests::COMPARED.get() + found.len());
+        found
+    }
+}
+
+/// The box of points about an origin, with room for roundings of f64 and of the box itself.
+fn box_of(points: impl IntoIterator<Item = DVec3>, origin: DVec3, reach: f64) -> Aabb {
+    /// More than f32 rounds.
+    const SHARE: f64 = 1e-6;
+    let mut points = points.into_iter();
+    let first = points.next().unwrap_or(origin);
+    let (low, high) = points.fold((first, first), |(low, high), point| (low.min(point), high.max(point)));
+    let rounding = 64.0 * ROUNDINGS * (origin.abs().max_element() + reach);
+    let room = (SHARE * low.abs().max(high.abs()).max(DVec3::ONE)).max(DVec3::splat(rounding));
+    Aabb::new((low - room).as_vec3a(), (high + room).as_vec3a())
+}
+
 /// A surface, as far as it can coincide with others.
 enum Face<'a> {
     Flat(Flat<'a>),
     Curved(Frame, Shape),
-    Mesh(Frame, &'a Mesh),
+    /// With the least and the largest coordinates of the mesh in its frame.
+    Mesh(Frame, &'a Mesh, [DVec3; 2]),
 }
 
 impl<'a> Face<'a> {
-    fn of(surface: &'a SceneSurface, meshes: &'a [Mesh]) -> Self {
+    fn of(surface: &'a SceneSurface, meshes: &'a [Mesh], limits: &[[DVec3; 2]]) -> Self {
         match (Flat::of_surface(surface), surface.shape.mesh()) {
             (Some(flat), _) => Face::Flat(flat),
-            (None, Some(mesh)) => Face::Mesh(surface.frame, &meshes[mesh]),
+            (None, Some(mesh)) => Face::Mesh(surface.frame, &meshes[mesh], limits[mesh]),
             (None, None) => Face::Curved(surface.frame, surface.shape.clone()),
+        }
+    }
+
+    /// A box that meets those of all faces that coincide with this one: of a curved one, it is about its origin alone.
+    fn bounds(&self) -> Aabb {
+        match self {
+            Face::Flat(flat) => flat.bounds(),
+            Face::Curved(frame, shape) => box_of([], frame.origin, reach_of(shape)),
+            Face::Mesh(frame, _, limits) => {
+                let corner = |i: usize| DVec3::new(limits[i & 1].x, limits[i >> 1 & 1].y, limits[i >> 2].z);
+                let reach = limits[0].abs().max(limits[1].abs()).length();
+                box_of((0..8).map(|i| frame.rotation * corner(i) + frame.origin), frame.origin, reach)
+            }
         }
     }
 
@@ -145,7 +245,7 @@ impl<'a> Face<'a> {
         match self {
             Face::Flat(own) => own.covers(flat).then_some(own.frame.rotation.z_axis),
             Face::Curved(..) => None,
-            Face::Mesh(frame, mesh) => flat.facet_in_plane(frame, mesh),
+            Face::Mesh(frame, mesh, _) => flat.facet_in_plane(frame, mesh),
         }
     }
 
@@ -156,7 +256,7 @@ impl<'a> Face<'a> {
         match self {
             Face::Flat(own) => self.normal_under(&dot(own.frame.rotation)),
             Face::Curved(..) => None,
-            Face::Mesh(frame, mesh) => {
+            Face::Mesh(frame, mesh, _) => {
                 let size = size_of(mesh);
                 mesh.faces.iter().find_map(|&face| {
                     let corners = mesh.corners(face);
@@ -176,7 +276,7 @@ impl<'a> Face<'a> {
             (Face::Curved(frame, shape), Face::Curved(other_frame, other_shape)) => {
                 is_one_surface((frame, shape), (other_frame, other_shape))
             }
-            (Face::Mesh(frame, mesh), Face::Mesh(other_frame, other)) => {
+            (Face::Mesh(frame, mesh, _), Face::Mesh(other_frame, other, _)) => {
                 std::ptr::eq(*mesh, *other) && is_one_place(frame, other_frame, true)
             }
             (Face::Curved(..), Face::Mesh(..)) | (Face::Mesh(..), Face::Curved(..)) => false,
@@ -202,12 +302,16 @@ fn is_one_place(a: &Frame, b: &Frame, all_axes: bool) -> bool {
 /// True if two curved shapes lie in one surface, and share its axis unless it is round.
 fn is_one_surface((frame, shape): (&Frame, &Shape), (other_frame, other): (&Frame, &Shape)) -> bool {
     let has_one_centre = || {
-        let reach = shape.extent(&[]).map_or(0.0, |extent| extent.reach);
-        let size = frame.origin.abs().max_element().max(reach);
+        let size = frame.origin.abs().max_element().max(reach_of(shape));
         (frame.origin - other_frame.origin).length() <= ROUNDINGS * size
     };
     shape.coincides(other)
         && if shape.is_round() { has_one_centre() } else { is_one_place(frame, other_frame, false) }
+}
+
+/// How far a round shape reaches from its centre \[mm\]; 0 of another.
+fn reach_of(shape: &Shape) -> f64 {
+    shape.extent(&[]).filter(|_| shape.is_round()).map_or(0.0, |extent| extent.reach)
 }
 
 /// A flat face.
@@ -241,6 +345,17 @@ impl<'a> Flat<'a> {
     fn of_surface(surface: &'a SceneSurface) -> Option<Self> {
         let shapes::Flat { outline, hole, z } = surface.shape.flat()?;
         Some(Flat::new(&surface.name, crate::scene::frame::shifted(&surface.frame, z), outline, hole))
+    }
+
+    fn bounds(&self) -> Aabb {
+        /// Of a face without end, so much on each side: more than any other face is away \[mm\].
+        const ENDLESS: f64 = 1e15;
+        let square =
+            [(-1.0, -1.0), (1.0, 1.0), (-1.0, 1.0), (1.0, -1.0)].map(|(x, y)| ENDLESS * DVec2::new(x, y));
+        let corners: &[DVec2] = if self.corners.is_empty() { &square } else { &self.corners };
+        let reach = self.corners.iter().map(|corner| corner.length()).fold(0.0, f64::max);
+        let place = |corner: &DVec2| self.frame.rotation * corner.extend(0.0) + self.frame.origin;
+        box_of(corners.iter().map(place), self.frame.origin, reach)
     }
 
     /// The normal of a facet of a mesh that lies in the plane, within rounding, if the two have an area in common.
@@ -287,6 +402,12 @@ fn size_of(mesh: &Mesh) -> f64 {
     mesh.vertices.iter().map(|p| p.abs().max_element()).fold(1.0, f64::max)
 }
 
+/// The least and the largest coordinates of a mesh in its frame \[mm\].
+fn limits_of(mesh: &Mesh) -> [DVec3; 2] {
+    let first = mesh.vertices.first().copied().unwrap_or_default();
+    mesh.vertices.iter().fold([first; 2], |[low, high], &p| [low.min(p), high.max(p)])
+}
+
 /// True if two convex polygons have an area in common: no edge of either has all of the other beyond it, within a rounding
 /// \[mm\].
 fn overlap(a: &[DVec2], b: &[DVec2], rounding: f64) -> bool {
@@ -307,7 +428,135 @@ fn pairs(corners: &[DVec2]) -> impl Iterator<Item = (DVec2, DVec2)> {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used, reason = "a test may fail")]
+
+    use std::cell::Cell;
+
+    use serde_json::{Value, json};
+
     use super::*;
+    use crate::Scene;
+
+    thread_local! {
+        /// Pairs of faces that were compared.
+        pub(super) static COMPARED: Cell<usize> = const { Cell::new(0) };
+    }
+
+    impl Near {
+        /// Finds every item.
+        fn everything(boxes: Vec<(usize, Aabb)>) -> Self {
+            let whole = Aabb::new(DVec3::splat(-1e30).as_vec3a(), DVec3::splat(1e30).as_vec3a());
+            Near::of(boxes.into_iter().map(|(item, _)| (item, whole)).collect())
+        }
+    }
+
+    fn scene(surfaces: Vec<Value>, sources: Vec<Value>, detectors: Vec<Value>) -> Scene {
+        let block =
+            json!({"version": 1, "media": {"glass": {"type": "constant", "n": 1.5}}, "surfaces": surfaces});
+        let file = json!({"nsq_schema_version": 1, "components": [], "sources": sources, "detectors": detectors,
+            "nsq_gpu": block});
+        Scene::from_json(&file.to_string()).unwrap()
+    }
+
+    fn source(name: &str, cs: Value) -> Value {
+        json!({"type": "collimated", "name": name, "cs": cs, "total_flux": 1, "aperture_radius": 1,
+            "spectrum": {"wavelengths": [0.5], "weights": [1]}})
+    }
+
+    fn detector(name: &str, cs: Value) -> Value {
+        json!({"type": "irradiance", "name": name, "cs": cs, "width": 4, "height": 2, "num_pixels_x": 2,
+            "num_pixels_y": 2})
+    }
+
+    /// Draws from 0 to `end`, without its end.
+    struct Draws(u64);
+
+    impl Draws {
+        fn below(&mut self, end: usize) -> usize {
+            self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (self.0 >> 33) as usize % end
+        }
+
+        fn of<'a, T>(&mut self, all: &'a [T]) -> &'a T {
+            &all[self.below(all.len())]
+        }
+
+        /// A place of few, so that many faces coincide; near the origin, or far from it.
+        fn cs(&mut self, far: f64) -> Value {
+            let mut at = || far + self.below(3) as f64 - 1.0;
+            let (x, y, z) = (at(), at(), at());
+            let rx = *self.of(&[0.0, 0.0, 0.0, std::f64::consts::FRAC_PI_2, std::f64::consts::PI, 0.3]);
+            json!({"x": x, "y": y, "z": z, "rx": rx})
+        }
+
+        fn surface(&mut self, number: usize, far: f64) -> Value {
+            let cube: Vec<[f64; 3]> =
+                (0..8).map(|i| [0, 1, 2].map(|axis| f64::from(i >> axis & 1) * 2.0 - 1.0)).collect();
+            let faces =
+                [[0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4], [2, 6, 3], [3, 6, 7]];
+            let shape = match self.below(7) {
+                0 => json!({"type": "plane"}),
+                1 => json!({"type": "plane", "width": 2, "height": 1 + self.below(3)}),
+                2 => json!({"type": "plane", "aperture_radius": 1 + self.below(2)}),
+                3 => {
+                    json!({"type": "annulus", "inner_radius": 1, "outer_radius": 2, "z_offset": self.below(2)})
+                }
+                4 => json!({"type": "sphere", "radius": 1 + self.below(2)}),
+                5 => json!({"type": "conic", "radius": 20, "conic": 0, "aperture_radius": 1 + self.below(3)}),
+                _ => json!({"type": "mesh", "vertices": cube, "faces": faces}),
+            };
+            let interaction = *self.of(&["absorbing", "absorbing", "reflective", "refractive"]);
+            let mut surface = json!({"name": format!("F{number}"), "cs": self.cs(far), "shape": shape, "interaction": interaction});
+            match interaction {
+                "reflective" => surface["reflectance"] = 0.5.into(),
+                "refractive" => surface["material_back"] = json!({"type": "medium", "name": "glass"}),
+                _ => {}
+            }
+            surface
+        }
+    }
+
+    /// What boxes leave out would not have been told.
+    #[test]
+    fn boxes_change_no_warning() {
+        let mut num_told = 0;
+        for seed in 0..3000 {
+            let mut draws = Draws(seed);
+            let far = *draws.of(&[0.0, 0.0, 1e3, -1e9, 9e11]);
+            let num_surfaces = 1 + draws.below(12);
+            let surfaces = (0..num_surfaces).map(|i| draws.surface(i, far)).collect();
+            let sources = ["S", "T"].map(|name| source(name, draws.cs(far))).to_vec();
+            let detectors = ["D", "E", "F"].map(|name| detector(name, draws.cs(far))).to_vec();
+            let Scene { file, surfaces, meshes, media, .. } = scene(surfaces, sources, detectors);
+            let told = |near| warnings_near(&file, &surfaces, &meshes, &media, near);
+            let found = told(Near::of);
+            assert_eq!(found, told(Near::everything), "{seed}");
+            num_told += found.len();
+        }
+        assert!(num_told > 5_000, "{num_told}");
+    }
+
+    /// The time of a check grows with the surfaces, not with their square.
+    #[test]
+    fn few_of_many_faces_are_compared() {
+        const NUM: usize = 20_000;
+        let surface = |i: usize| {
+            let cs = json!({"x": 3 * (i % 150), "y": 3 * (i / 150), "z": 5});
+            let shape = json!({"type": "plane", "aperture_radius": 1});
+            match i % 2 {
+                0 => json!({"name": i.to_string(), "cs": cs, "shape": shape, "interaction": "absorbing"}),
+                _ => {
+                    json!({"name": i.to_string(), "cs": cs, "shape": shape, "interaction": "reflective", "reflectance": 1})
+                }
+            }
+        };
+        let detectors = (0..1000).map(|i| detector(&i.to_string(), json!({"x": 5 * i, "z": 9})));
+        let sources = (0..1000).map(|i| source(&i.to_string(), json!({"x": 5 * i})));
+        let scene = scene((0..NUM).map(surface).collect(), sources.collect(), detectors.collect());
+        COMPARED.set(0);
+        warnings(&scene.file, &scene.surfaces, &scene.meshes, &scene.media);
+        assert!(COMPARED.get() < 2 * NUM, "{}", COMPARED.get());
+    }
 
     #[test]
     fn faces_in_one_plane_overlap_where_they_have_an_area_in_common() {

@@ -15,6 +15,7 @@ use serde_json::Number;
 use serde_path_to_error::Segment;
 
 use crate::model::place::{did_you_mean, key_of, quoted, ticked};
+use crate::scene::text::is_too_large;
 use crate::scene::tree::{Array, Value, View};
 use crate::{Error, Result};
 
@@ -145,6 +146,10 @@ impl<'de> Tree<'de> {
         }
     }
 
+    fn is_too_large(&self) -> bool {
+        matches!(self.value, View::Value(Value::String(text)) if is_too_large(text))
+    }
+
     fn whole(&self) -> Option<u64> {
         match self.value {
             View::Number(number) => whole_of(number),
@@ -189,6 +194,9 @@ fn describe(value: View<'_>) -> String {
         View::Value(Value::Number(number)) => format!("the number {number}"),
         View::Number(number) => format!("the number {number}"),
         View::Value(Value::String(text)) if &**text == "NaN" => "NaN, which is not a number".to_owned(),
+        View::Value(Value::String(text)) if is_too_large(text) => {
+            format!("the number {}, which is beyond the largest, {:e}", ticked(text), f64::MAX)
+        }
         View::Value(Value::String(text)) => format!("the text {}", quoted(text)),
         View::Value(Value::Array(_)) | View::Row(_) => "an array".to_owned(),
         View::Value(Value::Object(_)) => "an object".to_owned(),
@@ -222,6 +230,7 @@ impl<'de> Deserializer<'de> for Tree<'de> {
     fn deserialize_f64<V: Visitor<'de>>(self, visitor: V) -> Outcome<V::Value> {
         match self.real() {
             Some(value) => visitor.visit_f64(value),
+            None if self.is_too_large() => self.wrong("a finite number"),
             None => self.wrong("a number"),
         }
     }

@@ -27,13 +27,13 @@ mod validate;
 mod volume;
 mod warnings;
 
-use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use crate::model::Mesh;
+use crate::format::plain;
 use crate::model::place::{quoted, ticked};
+use crate::model::{Mesh, Precision, files};
 use crate::scene::json::SceneFile;
 pub(crate) use crate::scene::media::MediaTable;
 pub(crate) use crate::scene::surfaces::SceneSurface;
@@ -52,6 +52,8 @@ pub struct Scene {
     pub file: SceneFile,
     /// What the user should know, such as an ambiguous material name.
     pub warnings: Vec<String>,
+    /// What the user should know where the scene is traced in f32.
+    pub f32_warnings: Vec<String>,
     /// Folder that relative paths in the file start from; empty for a scene that was not read from a file.
     pub folder: PathBuf,
     pub(crate) wavelengths: Vec<f64>,
@@ -69,21 +71,30 @@ impl Scene {
     /// # Errors
     /// [`Error::File`] if it cannot be read, [`Error::Scene`] with the place if it cannot be traced as written.
     pub fn from_path(path: &Path) -> Result<Self> {
-        let bytes = read_limited(path).map_err(|err| Error::file(path, err))?;
+        let text = Self::text(path)?;
+        Self::read(&text, path.parent().unwrap_or(Path::new("")))
+    }
+
+    /// The text of a scene file. One that is too long, or no file at all, is refused before it is read.
+    ///
+    /// # Errors
+    /// [`Error::File`] if it cannot be read, [`Error::Scene`] if it is no text.
+    pub fn text(path: &Path) -> Result<String> {
+        let bytes = files::read(path, text::MAX_BYTES as u64).map_err(|err| Error::file(path, err))?;
         if path.extension().and_then(|end| end.to_str()).is_some_and(|end| {
             PRESCRIPTIONS.iter().any(|prescription| prescription.eq_ignore_ascii_case(end))
         }) {
-            let command = format!("python -m nsq_gpu.convert {} -o scene.json", path.display());
+            let command =
+                format!("python -m nsq_gpu.convert {} -o scene.json", plain(&path.display().to_string()));
             return Err(Error::file(
                 path,
                 format!("it is a lens, no scene; `{command}` makes a scene of it"),
             ));
         }
-        let text = String::from_utf8(bytes).map_err(|err| {
+        String::from_utf8(bytes).map_err(|err| {
             let at = err.utf8_error().valid_up_to();
             Error::scene(format!("byte {at}"), "the scene file is not UTF-8 text", "save it as UTF-8")
-        })?;
-        Self::read(&text, path.parent().unwrap_or(Path::new("")))
+        })
     }
 
     /// Reads a scene from JSON or JSON5 text.
@@ -130,21 +141,20 @@ impl Scene {
         let media = media::resolve(&file, &wavelengths, &mut warnings)?;
         let meshes = meshes.meshes;
         warnings.extend(warnings::of(&file, &surfaces, &meshes, &media, &wavelengths));
-        Ok(Scene { file, warnings, folder: folder.to_owned(), wavelengths, surfaces, meshes, media })
+        let (f32_warnings, folder) = (warnings::of_f32(&surfaces), folder.to_owned());
+        Ok(Scene { file, warnings, f32_warnings, folder, wavelengths, surfaces, meshes, media })
+    }
+
+    /// The warnings of a trace in this precision.
+    pub fn warnings_in(&self, precision: Precision) -> Vec<String> {
+        let of_f32 = if precision == Precision::F32 { &self.f32_warnings[..] } else { &[] };
+        [&self.warnings, of_f32].concat()
     }
 
     /// A path that the scene names, such as that of a mesh.
     pub fn resolve(&self, named: &str) -> PathBuf {
         self.folder.join(named)
     }
-}
-
-/// Reads a file up to a little more than the longest scene, so that no file fills the memory.
-fn read_limited(path: &Path) -> std::io::Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    let limit = text::MAX_BYTES as u64 + 4;
-    std::fs::File::open(path)?.take(limit).read_to_end(&mut bytes)?;
-    Ok(bytes)
 }
 
 /// The JSON Schema of scene files.

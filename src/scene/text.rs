@@ -33,14 +33,62 @@ pub(super) fn parse(text: &str) -> Result<Value> {
         ));
     }
     let refusal = RefCell::new(None);
-    let num_values = Cell::new(0);
-    let root = Node { depth: 0, place: Place::Root, refusal: &refusal, num_values: &num_values };
+    let (num_values, has_infinity) = (Cell::new(0), Cell::new(false));
+    let root = Node {
+        depth: 0,
+        place: Place::Root,
+        refusal: &refusal,
+        num_values: &num_values,
+        has_infinity: &has_infinity,
+    };
     let mut deserializer = json5::Deserializer::from_str(text);
     let parsed = root.deserialize(&mut deserializer).and_then(|value| at_end(&mut deserializer, value));
+    // The parser takes 1e309 for Infinity, which is a radius. As a text it is a number nowhere.
+    if let Some(quoted) = has_infinity.get().then(|| with_large_numbers_quoted(text)).flatten() {
+        return parse(&quoted);
+    }
     match (refusal.into_inner(), parsed) {
         (Some(refused), _) => Err(refused),
         (None, parsed) => parsed.map_err(|err| syntax_error(text, &err)),
     }
+}
+
+/// The text with quotes about each number beyond the largest; none if it has no such number.
+fn with_large_numbers_quoted(text: &str) -> Option<String> {
+    let mut quoted = String::new();
+    let (mut written, mut at) = (0, 0);
+    while let Some(first) = text[at..].chars().next() {
+        let rest = &text[at..];
+        let skipped = match first {
+            '"' | '\'' => {
+                let mut escaped = false;
+                let end = rest[1..].find(|c| {
+                    let is_end = c == first && !escaped;
+                    escaped = c == '\\' && !escaped;
+                    is_end
+                });
+                end.map(|end| end + 2)
+            }
+            '/' if rest.starts_with("/*") => rest[2..].find("*/").map(|end| end + 4),
+            '/' => rest.find(['\n', '\r', '\u{2028}', '\u{2029}']),
+            c if c.is_alphanumeric() || "_$+-.".contains(c) => {
+                let word = rest.split(|c: char| !(c.is_alphanumeric() || "_$+-.".contains(c))).next()?;
+                if is_too_large(word) {
+                    quoted.extend([&text[written..at], "\"", word, "\""]);
+                    written = at + word.len();
+                }
+                Some(word.len())
+            }
+            c => Some(c.len_utf8()),
+        };
+        at += skipped.unwrap_or(rest.len());
+    }
+    (written > 0).then(|| quoted + &text[written..])
+}
+
+/// True for a decimal number that no f64 holds.
+pub(super) fn is_too_large(word: &str) -> bool {
+    word.contains(|c: char| c.is_ascii_digit()) && word.parse::<f64>().is_ok_and(f64::is_infinite)
 }
 
 /// The value, if nothing but white space and comments follows it.
@@ -100,6 +148,8 @@ struct Node<'a> {
     refusal: &'a RefCell<Option<Error>>,
     /// Values that are stored one by one.
     num_values: &'a Cell<usize>,
+    /// Set where a number is infinite.
+    has_infinity: &'a Cell<bool>,
 }
 
 impl Node<'_> {
@@ -176,6 +226,7 @@ impl<'de> Visitor<'de> for Node<'_> {
     }
 
     fn visit_f64<E>(self, value: f64) -> std::result::Result<Value, E> {
+        self.has_infinity.set(self.has_infinity.get() || value.is_infinite());
         Ok(match Number::from_f64(value) {
             Some(number) => Value::Number(number),
             None if value.is_nan() => Value::String("NaN".into()),

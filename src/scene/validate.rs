@@ -16,6 +16,9 @@ use crate::scene::json::{
 const MAX_WAVELENGTH: f64 = 20.0;
 /// Wavelengths below are metres by mistake \[um\].
 const MIN_WAVELENGTH: f64 = 1e-4;
+/// Least flux of a source that emits any \[W\]. A quantum (2^-52) of one ray of the most (2^63), on the largest pixel
+/// (1e24 mm^2), is then a normal number. With less, fluxes of a result would be rounded away.
+const MIN_FLUX: f64 = 1e-249;
 /// Longest chain of coordinate systems.
 const MAX_CHAIN: usize = 64;
 /// Most sums that all detectors keep together.
@@ -151,8 +154,16 @@ fn check_doublet(place: &str, doublet: &Doublet) -> Result<()> {
 fn check_source(place: &str, source: &Source) -> Result<()> {
     coordinate_system(&key_of(place, "cs"), source.cs())?;
     check_spectrum(&key_of(place, "spectrum"), source.spectrum())?;
-    between(key_of(place, "total_flux"), source.total_flux(), 0.0, 1e100)?;
+    total_flux(key_of(place, "total_flux"), source.total_flux())?;
     source.check(&|key| key_of(place, key))
+}
+
+fn total_flux(place: String, flux: f64) -> Result<()> {
+    if flux > 0.0 && flux < MIN_FLUX {
+        let remedy = format!("give 0, or at least {MIN_FLUX:e} W");
+        return refuse(place, format!("{flux:e} W is too little: results would be rounded to 0"), remedy);
+    }
+    between(place, flux, 0.0, 1e100)
 }
 
 fn check_spectrum(place: &str, spectrum: &Spectrum) -> Result<()> {

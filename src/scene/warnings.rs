@@ -19,13 +19,17 @@ pub(super) fn of(
     wavelengths: &[f64],
 ) -> Vec<String> {
     let mut warnings: Vec<String> = surfaces.iter().filter_map(of_bsdf).collect();
-    warnings.extend(surfaces.iter().filter_map(terms_beyond_f32));
     warnings.extend(open_media(file, surfaces, media));
     warnings.extend(file.detectors.iter().filter_map(|detector| wavelengths_beyond(detector, wavelengths)));
     warnings.extend(coincidence::warnings(file, surfaces, meshes, media));
     warnings.extend(one_branch(file, surfaces));
     warnings.extend(file.sources.iter().filter_map(|source| source.kind().warning(source.name())));
     warnings
+}
+
+/// What deserves a warning where a scene is traced in f32.
+pub(super) fn of_f32(surfaces: &[SceneSurface]) -> Vec<String> {
+    surfaces.iter().filter_map(terms_beyond_f32).collect()
 }
 
 // Scattering

@@ -8,6 +8,7 @@
 //! is there: the new one or the one before.
 
 use crate::error::{Error, Result};
+use crate::format::plain;
 use crate::gpu::AdapterInfo;
 use crate::model::SceneIr;
 use crate::placing;
@@ -133,7 +134,8 @@ impl Identity {
         compare("recorded paths", &theirs.paths, &self.paths);
         compare("table of paths", &theirs.path_table, &self.path_table);
         compare("filter of paths", &theirs.path_filter, &self.path_filter);
-        lines
+        // A file may hold any text.
+        lines.iter().map(|line| plain(line)).collect()
     }
 
     /// The same identity, with the rows of recorded paths in a file of their own instead of among the sums.
@@ -189,6 +191,14 @@ impl Checkpoint {
              them together",
             path.display()
         )))
+    }
+
+    /// Refuses sums of a file that no trace of the scene gives: [`Tally::check`].
+    ///
+    /// # Errors
+    /// [`Error::File`] with the path and what is wrong.
+    pub fn check(&self, path: &Path, ir: &SceneIr) -> Result<()> {
+        self.tally.check(ir).map_err(|problem| Error::file(path, problem))
     }
 
     /// The contents of a file.
@@ -310,7 +320,11 @@ fn decode(bytes: &[u8]) -> std::result::Result<Checkpoint, String> {
     if word(20) != crc32fast::hash(body) {
         return Err("is damaged: its checksum is wrong".into());
     }
-    postcard::from_bytes(body).map_err(|error| format!("is damaged: {error}"))
+    match postcard::take_from_bytes(body) {
+        Ok((checkpoint, [])) => Ok(checkpoint),
+        Ok((_, rest)) => Err(format!("is damaged: {} bytes follow its sums", rest.len())),
+        Err(error) => Err(format!("is damaged: {error}")),
+    }
 }
 
 /// The hash FNV-1a with 128 bits: stable between versions of Rust, and not secret.

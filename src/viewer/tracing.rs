@@ -293,7 +293,7 @@ fn run_info(scene: &LoadedScene, options: &TraceOptions, choice: Choice, gpu: &G
         scene: Some(scene.path.display().to_string()),
         precision_reason: choice.reason,
         precision_warning: choice.warning,
-        scene_warnings: scene.scene.warnings.clone(),
+        scene_warnings: scene.scene.warnings_in(options.precision),
         ..options.run_info(&gpu.info)
     }
 }

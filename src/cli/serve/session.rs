@@ -145,7 +145,7 @@ impl<'a> Job<'a> {
             precision_warning: choice.warning,
             trace_time_sec: trace_start.elapsed().as_secs_f64(),
             first_rays_sec: tracer.first_end().map(|end| (end - *start).as_secs_f64()),
-            scene_warnings: self.scene.warnings.clone(),
+            scene_warnings: self.scene.warnings_in(options.precision),
             partial,
             stopped_by: stopped_by.filter(|_| partial),
             target_error: args.target_error,
@@ -231,7 +231,7 @@ impl<'a> Job<'a> {
             precision_reason: choice.reason,
             precision_warning: choice.warning,
             trace_time_sec: start.elapsed().as_secs_f64(),
-            scene_warnings: self.scene.warnings.clone(),
+            scene_warnings: self.scene.warnings_in(options.precision),
             has_no_gpu: gpu.info.class.stands_in_for_gpu(),
             ..options.run_info(&gpu.info)
         };

@@ -94,7 +94,7 @@ pub fn run(args: &Args) -> Result<String> {
             "give what changes: --set L1.r1=50:60:11, or --tolerance L1.r1=0.1%".into(),
         ));
     }
-    let text = std::fs::read_to_string(&args.scene).map_err(|error| Error::file(&args.scene, error))?;
+    let text = Scene::text(&args.scene)?;
     let folder = args.scene.parent().unwrap_or(Path::new("")).to_owned();
     let name = args.scene.display().to_string();
     let ir = Scene::with_numbers(&text, &folder, &[]).map_err(|error| named(error, &name))?.lower()?;

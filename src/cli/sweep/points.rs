@@ -1,7 +1,7 @@
 //! The points of a sweep, as JSON, as comma-separated values, and as tables for people.
 
 use crate::cli::sweep::Numbers;
-use crate::format::{csv_text, shown};
+use crate::format::{csv_text, pretty_json, shown};
 use crate::result::TraceResult;
 use serde_json::{Map, Value, json};
 use std::fmt::Write;
@@ -130,7 +130,7 @@ impl Points {
             });
             document["quantiles"] = Value::Object(of_each.collect());
         }
-        serde_json::to_string_pretty(&document).unwrap_or_default() + "\n"
+        pretty_json(&document).unwrap_or_default()
     }
 
     fn columns(&self) -> Vec<Column> {

@@ -262,9 +262,11 @@ impl DetectorResult for RayDatabase {
 
 /// The weight of the rows kept, each rounded down as the device does it.
 fn quanta(rows: &Rows) -> Result<u128> {
-    let mut sum = 0;
+    let mut sum: u128 = 0;
     rows.for_each_block(rows::WEIGHT, |weights| {
-        sum += weights.iter().map(|&bits| (f64::from_bits(bits) * QUANTA_PER_WEIGHT) as u128).sum::<u128>();
+        let quanta = weights.iter().map(|&bits| (f64::from_bits(bits) * QUANTA_PER_WEIGHT) as u128);
+        // A file may hold rows of any weight.
+        sum = quanta.fold(sum, u128::saturating_add);
         Ok(())
     })?;
     Ok(sum)

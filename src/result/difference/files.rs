@@ -1,6 +1,7 @@
 //! The files of a difference: `report.json`, and one `.npz` and one `.png` per detector.
 
 use crate::error::{Error, Result};
+use crate::format::pretty_json;
 use crate::result::difference::{DetectorDifference, FluxDifference, SceneDifference};
 use crate::result::npz::ArrayWriter;
 use crate::result::output::{self, REPORT, file_stems, write_bytes};
@@ -55,8 +56,7 @@ pub fn write(dir: &Path, found: &SceneDifference, pictures: bool) -> Result<Vec<
 }
 
 fn pretty(report: &Value) -> Result<String> {
-    let text = serde_json::to_string_pretty(report).map_err(|error| Error::Internal(error.to_string()))?;
-    Ok(text + "\n")
+    pretty_json(report).map_err(|error| Error::Internal(error.to_string()))
 }
 
 fn write_arrays(path: &Path, found: &SceneDifference, detector: &DetectorDifference) -> Result<()> {

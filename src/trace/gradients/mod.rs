@@ -14,7 +14,7 @@ use crate::engine::walk::Walker;
 use crate::error::{Error, Result};
 use crate::format::shown;
 use crate::gpu::Gpu;
-use crate::model::SceneIr;
+use crate::model::{Precision, SceneIr};
 use crate::program::layout::bindings;
 use crate::program::tangents::{Parameter, Tangents};
 use crate::result::difference::Spread;
@@ -44,8 +44,7 @@ const MOST_UNCHECKED_RAYS: u64 = 10_000_000;
 pub struct Differentiated {
     /// The scene, with what its shaders must allow for.
     pub ir: SceneIr,
-    /// Warnings of reading it.
-    pub warnings: Vec<String>,
+    scene: Scene,
     parameters: Vec<Scaled>,
 }
 
@@ -93,16 +92,16 @@ impl Differentiated {
         names: &[String],
         change: impl Fn(&mut SceneIr) -> Result<()> + Sync,
     ) -> Result<Self> {
-        let read = |numbers: &[(String, f64)]| -> Result<(SceneIr, Vec<String>)> {
+        let read = |numbers: &[(String, f64)]| -> Result<(SceneIr, Scene)> {
             let is_changed =
                 |name: &String| numbers.iter().any(|(changed, _)| unquoted(changed) == unquoted(name));
             let kept = set.iter().filter(|(name, _)| !is_changed(name)).chain(numbers).cloned();
             let scene = Scene::with_numbers(text, folder, &kept.collect::<Vec<_>>())?;
             let mut ir = scene.lower()?;
             change(&mut ir)?;
-            Ok((ir, scene.warnings))
+            Ok((ir, scene))
         };
-        let (mut ir, warnings) = read(&[])?;
+        let (mut ir, scene) = read(&[])?;
         let mut parameters: Vec<Scaled> = Vec::new();
         for (name, written) in names.iter().zip(Scene::numbers(text, names)?) {
             let is_this = |other: &str| unquoted(other) == unquoted(name);
@@ -117,7 +116,7 @@ impl Differentiated {
         ir.allowed = allowed;
         let scenes = parameters.iter_mut().flat_map(|scaled| &mut scaled.parameter.stencil);
         scenes.for_each(|(_, scene)| scene.allowed = allowed);
-        let found = Differentiated { ir, warnings, parameters };
+        let found = Differentiated { ir, scene, parameters };
         found.check()?;
         Ok(found)
     }
@@ -144,6 +143,11 @@ impl Differentiated {
     /// [`Error::Usage`] for options that make no sense.
     pub fn notes(&self, options: &TraceOptions) -> Result<Vec<String>> {
         notes_of_few_rays(&self.ir, &self.traced_options(options), num_blocks(options.num_rays, NUM_BLOCKS))
+    }
+
+    /// The warnings of reading the scene, for a trace in this precision.
+    pub fn warnings_in(&self, precision: Precision) -> Vec<String> {
+        self.scene.warnings_in(precision)
     }
 
     /// How often all rays are traced.
