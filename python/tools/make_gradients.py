@@ -305,7 +305,7 @@ def write(case: Case) -> None:
     """Write the two files of a scene."""
     data, maps, flux = derivatives(case)
     scene = GRADIENTS_DIR / f"{case.name}.scene.json"
-    export_scene(case.build(dict(case.all_values)), scene)
+    export_scene(case.build(dict(case.all_values)), scene, overwrite=True)
     check_file(scene_file.scene_from_dict(json.loads(scene.read_text(encoding="utf-8")), scene.parent), data)
     parts = [
         ("scene", json.dumps(scene.name)),

@@ -13,6 +13,7 @@ from typing import Any
 from optiland.nonsequential import NSQScene
 from optiland.nonsequential.ir.scene_ir import SamplingPolicy
 
+from nsq_gpu import placing
 from nsq_gpu.export.components import components
 from nsq_gpu.export.detectors import detectors
 from nsq_gpu.export.materials import Media
@@ -35,19 +36,25 @@ class ExportedScene:
     wanted: dict[str, Any] = field(default_factory=dict)
 
 
-def export_scene(scene: NSQScene, path: str | os.PathLike[str]) -> None:
+def export_scene(scene: NSQScene, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
     """Write a scene to a file which alone, given to the command ``nsq-gpu trace``, traces as the live scene does.
 
-    Folders that are missing are made, as ``nsq-gpu trace -o`` makes them.
+    Folders that are missing are made, as ``nsq-gpu trace -o`` makes them. The file appears whole or not at all.
+
+    Args:
+        scene: The live scene.
+        path: The file. A file that exists already is kept; one with the same text is fine.
+        overwrite: True replaces a file that exists.
 
     Raises:
         UnsupportedSceneError: The scene holds something that no file can; nothing is written.
+        UsageError: The place is taken.
         OSError: The file cannot be written.
     """
     text = to_json(export(scene).document)
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, encoding="utf-8")
+    placing.write(path, text, overwrite)
 
 
 def to_json(document: Json, indent: int | None = 2) -> str:
