@@ -7,6 +7,7 @@ sums tallies as they come, in any order, and so keeps them when workers end.
 
 from __future__ import annotations
 
+import asyncio
 import functools
 import hashlib
 import itertools
@@ -314,24 +315,33 @@ def _connected(address: str, deadline: _Deadline) -> Any:
     """Return a client of the scheduler at an address."""
     import dask
 
+    distributed = _distributed()
     left = deadline.left()
     longest = dask.utils.parse_timedelta(dask.config.get("distributed.comm.timeouts.connect"))
     limit = longest if left is None else min(left, longest)
-    connected: futures.Future[Any] = futures.Future()
+    answered: futures.Future[None] = futures.Future()
 
-    def connect() -> None:
+    async def greet() -> None:
+        arguments = distributed.security.Security().get_connection_args("client")
+        comm = await distributed.comm.connect(address, timeout=limit, **arguments)
+        await comm.close()
+
+    def ask() -> None:
         try:
-            connected.set_result(_distributed().Client(address, set_as_default=False, timeout=limit))
+            answered.set_result(asyncio.run(asyncio.wait_for(greet(), limit)))
         except Exception as error:
-            connected.set_exception(error)
+            answered.set_exception(error)
 
-    # In a thread, since Dask waits without end for one that takes the connection and then says nothing.
-    threading.Thread(target=connect, daemon=True).start()
+    # A client waits without end where the connection is taken and nothing is said. And one that did not start may lock up
+    # whatever Dask starts later, when it is collected as garbage. The thread is there because the caller's may have a loop.
+    threading.Thread(target=ask, daemon=True).start()
     try:
-        return connected.result(limit)
+        answered.result()
     except Exception as error:
         deadline.left()
-        raise UsageError(f"client: no scheduler of Dask answers at {address!r}: {str(error) or f'not in {limit:g} s'}") from None
+        why = str(error) or f"nothing came in {limit:g} s"
+        raise UsageError(f"client: no scheduler of Dask answers at {address!r}: {why}") from None
+    return distributed.Client(address, set_as_default=False)
 
 
 def _answers(client: Any, task: Callable[..., Traced], text: str, calls: Sequence[tuple[Any, ...]], program: str,
