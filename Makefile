@@ -54,13 +54,13 @@ fast-binary:
 	@$(MAKE) --no-print-directory adapter BINARY=$(FAST_BINARY) BUILD_ARGS=--release
 
 bench: fast-binary .venv/installed
-	@$(FAST_BINARY) bench --against optiland --python .venv/bin/python -o bench-out $(BENCH_ARGS)
+	@$(FAST_BINARY) bench --against optiland --python .venv/bin/python -o bench-out --overwrite $(BENCH_ARGS)
 
 bench-live: fast-binary .venv/installed
 	@$(PEER_PYTHON) benches/live.py --binary $(FAST_BINARY) $(LIVE_ARGS)
 
 accuracy: fast-binary .venv/installed
-	@$(FAST_BINARY) bench --accuracy --against optiland --python $(PEER_PYTHON) -o accuracy-out $(ACCURACY_ARGS)
+	@$(FAST_BINARY) bench --accuracy --against optiland --python $(PEER_PYTHON) -o accuracy-out --overwrite $(ACCURACY_ARGS)
 
 # Links, so that an edited page is the page that is built. Every link then means the same on the site as in the repository.
 docs: .venv-docs/installed

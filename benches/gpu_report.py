@@ -353,7 +353,7 @@ def main():
     section("The cost of derivatives", f"```\n{(printed if code == 0 else said).rstrip()}\n```")
     if code:
         wrong.append(f"bench --gradients: exit code {code}")
-    code, printed, said = tracer.run("bench", "-o", options.output / "bench", *tracer.adapter,
+    code, printed, said = tracer.run("bench", "-o", options.output / "bench", "--overwrite", *tracer.adapter,
                                      *(["--quick"] if options.quick else []))
     section("Speed of every case", f"```\n{(printed if code == 0 else said).rstrip()}\n```")
     if code:

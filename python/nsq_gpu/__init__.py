@@ -32,7 +32,7 @@ detector's relative error is at most 1 % (that of its flux, and that of its map:
 over the sum of their values), and ``time_limit`` after so many seconds, with ``num_rays`` as the cap; where the target is
 not met, ToleranceWarning is given; ``max_depth=64`` takes the place of the 16 events that ``scene.trace`` passes;
 ``paths=True`` sums up light by its path, in ``result.paths``, and ``where="reflections == 2"`` keeps the light of some
-paths; ``timeout`` is in seconds. Ctrl-C ends the trace at once. After a trace ``backend.report`` holds what Optiland's result
+paths; ``timeout`` is in seconds. Ctrl-C raises ``Interrupted``, whose ``partial`` is what was computed. After a trace ``backend.report`` holds what Optiland's result
 has no field for, such as the exact ledger.
 
 ResultWarning is given where numbers are not what was asked for: light that the depth limit cut off, with the number to

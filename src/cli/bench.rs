@@ -11,6 +11,7 @@ use crate::bench::{
     BenchReport, Case, CaseResult, Peer, Session, cases, gradients, machine, paths, stability, tuning,
 };
 use crate::cli::console::say;
+use crate::cli::output_file::OutputFile;
 use crate::count;
 use crate::engine::tuning::Tuning;
 use crate::error::{Error, Result};
@@ -21,7 +22,7 @@ use crate::scene::Scene;
 use crate::software::vector_width::{self, Width};
 use clap::ValueEnum;
 use serde_json::Value;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// Arguments of `nsq-gpu bench`.
@@ -78,9 +79,13 @@ pub struct Args {
     /// A note for readers of the files, such as who else uses the machine.
     #[arg(long, value_name = "TEXT")]
     note: Option<String>,
-    /// Write bench.json, bench.csv and bench.png into this folder.
+    /// Write bench.json, bench.csv and bench.png into this folder. Files of these names that exist are kept, and refused
+    /// before the first ray.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
+    /// Let -o replace files that exist.
+    #[arg(long, requires = "output")]
+    overwrite: bool,
     /// Print bench.json instead of the table.
     #[arg(long)]
     json: bool,
@@ -144,9 +149,7 @@ pub fn run(args: &Args) -> Result<String> {
     if args.gradients {
         return run_gradients(args, cases);
     }
-    if let Some(dir) = &args.output {
-        output::check_writable(dir)?;
-    }
+    check_output(args)?;
     let widths = widths(&cases)?;
     let widest = widest(&widths);
     crate::cli::console::choose_width(widest);
@@ -366,11 +369,31 @@ const QUICK: Effort = Effort { num_seeds: 2, trace_sec: 0.1, answer_sec: 0.2, mo
 /// Rays whose paths are compared between tiers.
 const PATHS: u64 = 1 << 14;
 
+/// The files that `-o` writes.
+const FILES: [&str; 10] = [
+    "bench.json",
+    "bench.csv",
+    "bench.png",
+    "accuracy.txt",
+    "accuracy.csv",
+    "accuracy.png",
+    "accuracy_flux.png",
+    "numerical.csv",
+    "numerical.png",
+    "sobol.csv",
+];
+
+/// Refuses a folder that cannot be written, or in which a file would be lost.
+fn check_output(args: &Args) -> Result<()> {
+    let Some(dir) = &args.output else { return Ok(()) };
+    output::check_writable(dir)?;
+    let mut there = FILES.iter().map(|name| dir.join(name)).filter(|path| crate::placing::exists(path));
+    there.try_for_each(|path| OutputFile::new(&path, args.overwrite, Path::new("")).map(drop))
+}
+
 /// Measures error against time, and what Sobol points are worth.
 fn run_accuracy(args: &Args) -> Result<String> {
-    if let Some(dir) = &args.output {
-        output::check_writable(dir)?;
-    }
+    check_output(args)?;
     let is_chosen = |name: &str| args.scenes.is_empty() || args.scenes.iter().any(|scene| scene == name);
     check_scenes(args)?;
     let gpu = open(args)?;

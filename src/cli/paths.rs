@@ -131,7 +131,11 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     }
     let listing = args.table_options(&ir)?;
     if let Some(dir) = &args.output {
-        output::check_writable(dir)?;
+        let names = ir.detectors.iter().map(|detector| detector.name.clone());
+        let rows = (1..=listing.num_maps.min(MOST_WRITTEN)).map(|rank| format!("path_{rank}"));
+        let names: Vec<String> = names.chain(rows).collect();
+        let names = names.iter().map(String::as_str);
+        output::check(dir, &output::file_names(names, !args.no_pictures, false, true, false))?;
     }
     let stop = stop_on_interrupt()?;
     let gpu = Gpu::open(&AdapterChoice::of_command(args.adapter.as_deref(), args.portable))?;
@@ -191,6 +195,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         say("the second trace was interrupted: there are no centroids and no peaks");
     }
     let mut result = TraceResult::new(&ir, &run, &tally)?;
+    let mut failure = (result.run.stopped_by == Some(StoppedBy::Interrupt)).then_some(Error::Interrupted);
     if let Some(dir) = &args.output {
         let unit = flux_unit(&ir, &tally, tracer.num_rays());
         let rows = traced.table.paths.iter().zip(&traced.maps).take(MOST_WRITTEN);
@@ -198,8 +203,11 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         written.paths = Some(traced.table.clone());
         written.detectors.extend(path_detectors(&ir, &tally, unit, rows)?);
         let extras = Extras { pictures: !args.no_pictures, tally: None };
-        let files = output::write(dir, &written, &extras)?.files;
-        files.iter().for_each(|file| say(&format!("written: {}", file.display())));
+        match output::write(dir, &written, &extras) {
+            Ok(written) => written.files.iter().for_each(|file| say(&format!("written: {}", file.display()))),
+            // The table is printed all the same: the trace may have taken hours.
+            Err(error) => failure = Some(error),
+        }
     }
     let top = args.top.min(1 << 24) as usize;
     let printed = match args.json {
@@ -215,13 +223,9 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
             result.header() + "\n" + &traced.table.text(top) + "\n" + &result.warning_list()
         }
     };
-    match result.run.stopped_by {
-        Some(StoppedBy::Interrupt) => {
-            crate::cli::console::print(&printed)?;
-            Err(Error::Interrupted)
-        }
-        _ => Ok(printed),
-    }
+    let Some(failure) = failure else { return Ok(printed) };
+    crate::cli::console::print(&printed)?;
+    Err(failure)
 }
 
 /// The maps of rows, as detectors that are named by the rows' ranks.
