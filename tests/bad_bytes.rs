@@ -262,9 +262,9 @@ fn crafted_sums_are_refused_and_nothing_panics() {
 /// What each check refuses, by a change that fits the encoding.
 #[test]
 fn sums_that_are_not_of_the_scene_are_refused_with_what_is_wrong() {
-    type Change = fn(&mut Tally);
-    let paths = |tally: &mut Tally, change: fn(&mut PathTally)| change(tally.path_sums.as_mut().unwrap());
-    let changes: [(Change, &str); 22] = [
+    type Change<T> = fn(&mut T);
+    let paths = |tally: &mut Tally, change: Change<PathTally>| change(tally.path_sums.as_mut().unwrap());
+    let changes: [(Change<Tally>, &str); 22] = [
         (|t| t.detectors.truncate(3), "holds sums of 3 detectors; the scene has 4"),
         (|t| t.surfaces.push(Default::default()), "holds sums of 4 surfaces; the scene has 3"),
         (|t| t.detectors[0].quanta.push(0), "detector 0 that do not fit its 6 pixels or bins"),
@@ -294,7 +294,7 @@ fn sums_that_are_not_of_the_scene_are_refused_with_what_is_wrong() {
         (|t| t.detectors[0].squares[1] = u128::MAX, "sums that are larger"),
         (|t| t.detectors[3].recorded.quanta = u128::MAX, "sums that are larger"),
     ];
-    let of_paths: [(fn(&mut PathTally), &str); 6] = [
+    let of_paths: [(Change<PathTally>, &str); 6] = [
         (|p| p.rows.values_mut().for_each(|sum| sum.count = u64::MAX), "sums that are larger"),
         (|p| p.other.extend([(End::Detector(4), PathSum::default())]), "names detector 4; the scene has 4"),
         (|p| p.other.extend([(End::Absorbed(3), PathSum::default())]), "names surface 3; the scene has 3"),
