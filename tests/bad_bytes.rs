@@ -610,4 +610,8 @@ fn huge_files_and_what_is_no_file_are_refused_before_they_are_read() {
         }
     }
     assert!(start.elapsed().as_secs() < 60, "{:?}", start.elapsed());
+    let piped = r#"cat docs/example.json | "$0" check /dev/stdin"#;
+    let mut command = Command::new("sh");
+    command.args(["-c", piped, env!("CARGO_BIN_EXE_nsq-gpu")]).current_dir(env!("CARGO_MANIFEST_DIR"));
+    assert!(command.output().unwrap().status.success(), "a stream that the caller opened is a scene");
 }

@@ -36,7 +36,8 @@ fn stderr(output: &Output) -> String {
 }
 
 fn json(bytes: &[u8]) -> Value {
-    serde_json::from_slice(bytes).unwrap_or_else(|error| panic!("{error}: {}", String::from_utf8_lossy(bytes)))
+    serde_json::from_slice(bytes)
+        .unwrap_or_else(|error| panic!("{error}: {}", String::from_utf8_lossy(bytes)))
 }
 
 fn ends(arguments: &[&str], code: i32, words: &[&str]) -> Output {
@@ -146,7 +147,8 @@ fn a_sweep_that_is_killed_while_it_writes_leaves_the_old_points_or_the_new_ones(
 fn a_file_that_cannot_be_written_keeps_the_old_one_and_the_points_are_printed() {
     let place = Place::new();
     fs::write(place.path("points.json"), "mine").unwrap();
-    let limited = r#"ulimit -f 1; exec "$0" sweep "$1" --set L1.r1=50:60:11 -n 1000 -o "$2" --overwrite --json"#;
+    let limited =
+        r#"ulimit -f 1; exec "$0" sweep "$1" --set L1.r1=50:60:11 -n 1000 -o "$2" --overwrite --json"#;
     let mut command = Command::new("sh");
     command.args(["-c", limited, env!("CARGO_BIN_EXE_nsq-gpu")]);
     command.arg(place.path("scene.json")).arg(place.path("points.json"));
@@ -192,7 +194,8 @@ fn sums_of_another_trace_are_replaced_only_where_that_is_meant() {
 fn fewer_rays_of_a_trace_never_take_the_place_of_more() {
     let place = Place::new();
     let (scene, file) = (place.text("scene.json"), place.text("run.tally"));
-    let trace = ["trace", &scene, "--checkpoint", &file, "--precision", "f32", "-n", "1e8", "--batch-size", "1000"];
+    let trace =
+        ["trace", &scene, "--checkpoint", &file, "--precision", "f32", "-n", "1e8", "--batch-size", "1000"];
     let mut first = spawn(&trace);
     stop(&mut first, Duration::from_secs(3), "INT");
     let output = first.wait_with_output().unwrap();
@@ -267,7 +270,21 @@ fn every_command_that_is_stopped_keeps_what_is_done() {
         (&["diff", &scene, "--set", "L1.r1=60", "-n", FOREVER, "--json", "-o"], "report.json"),
         (&["paths", &scene, "-n", FOREVER, "--json", "-o"], "paths.csv"),
         (&["sweep", &scene, "--set", set, "-n", "1000", "--json", "-o"], ".csv"),
-        (&["sweep", &scene, "--tolerance", "L1.r1=1%", "--samples", "100000", "-n", "1000", "--json", "-o"], ".json"),
+        (
+            &[
+                "sweep",
+                &scene,
+                "--tolerance",
+                "L1.r1=1%",
+                "--samples",
+                "100000",
+                "-n",
+                "1000",
+                "--json",
+                "-o",
+            ],
+            ".json",
+        ),
         (&["view", &scene, "-n", FOREVER, "--screenshot"], ".png"),
     ];
     for (number, (arguments, kept)) in commands.iter().enumerate() {
@@ -336,7 +353,8 @@ fn an_ignored_signal_stays_ignored() {
     for signal in ["HUP", "INT"] {
         let out = place.text(signal);
         // As `nohup` does, and a shell with what it runs in the background.
-        let ignoring = format!(r#"trap "" {signal}; exec "$0" trace "$1" -n 3e6 --time-limit 8s -o "$2" --json"#);
+        let ignoring =
+            format!(r#"trap "" {signal}; exec "$0" trace "$1" -n 3e6 --time-limit 8s -o "$2" --json"#);
         let mut child = Command::new("sh")
             .args(["-c", &ignoring, env!("CARGO_BIN_EXE_nsq-gpu"), &place.text("scene.json"), &out])
             .stdout(Stdio::piped())
@@ -359,10 +377,14 @@ fn a_bad_point_is_named_and_the_others_are_returned() {
     let sweep = ["sweep", &scene, "--set", "L1.thickness=6,7,-1,8", "-n", "1000", "--precision", "f64"];
     let words = ["point 2 (L1.thickness = -1): ", "1 of 4 points: left out", "the other points are returned"];
     let found = json(&ends(&[&sweep[..], &["--json", "-o", &points]].concat(), SCENE, &words).stdout);
-    assert_eq!((&found["num_points"], &found["num_refused"], &found["partial"]), (&4.into(), &1.into(), &false.into()));
+    assert_eq!(
+        (&found["num_points"], &found["num_refused"], &found["partial"]),
+        (&4.into(), &1.into(), &false.into())
+    );
     let all = found["points"].as_array().unwrap();
     assert!(all[2]["error"].as_str().unwrap().contains("`L1`") && all[2]["fluxes"].is_null());
-    let good = run(&["sweep", &scene, "--set", "L1.thickness=6,7,8", "-n", "1000", "--precision", "f64", "--json"]);
+    let good =
+        run(&["sweep", &scene, "--set", "L1.thickness=6,7,8", "-n", "1000", "--precision", "f64", "--json"]);
     let good = json(&good.stdout);
     for (ours, theirs) in [0, 1, 3].into_iter().zip(good["points"].as_array().unwrap()) {
         assert_eq!(all[ours]["fluxes"], theirs["fluxes"]);
@@ -385,7 +407,17 @@ fn samples_that_cannot_be_are_left_out_and_change_no_other_sample() {
         "cs": {"x": 0.0, "y": 0.0, "z": 80.0, "rx": 0.0, "ry": 0.0, "rz": 0.0}}]});
     fs::write(&scene, tree.to_string()).unwrap();
     let tolerance = |size: &str| {
-        let output = run(&["sweep", &scene, "--tolerance", &format!("M.reflectance={size}"), "--samples", "40", "-n", "1000", "--json"]);
+        let output = run(&[
+            "sweep",
+            &scene,
+            "--tolerance",
+            &format!("M.reflectance={size}"),
+            "--samples",
+            "40",
+            "-n",
+            "1000",
+            "--json",
+        ]);
         (output.status.code(), stderr(&output), json(&output.stdout))
     };
     let (code, said, wide) = tolerance("1%");
@@ -399,7 +431,8 @@ fn samples_that_cannot_be_are_left_out_and_change_no_other_sample() {
     let (code, _, narrow) = tolerance("0.1%");
     assert_eq!((code, &narrow["num_refused"]), (Some(0), &0.into()));
     for (far, near) in all.iter().zip(narrow["points"].as_array().unwrap()) {
-        let [far_value, near_value] = [far, near].map(|point| point["set"]["M.reflectance"].as_f64().unwrap());
+        let [far_value, near_value] =
+            [far, near].map(|point| point["set"]["M.reflectance"].as_f64().unwrap());
         approx::assert_relative_eq!(far_value - 0.99, 10.0 * (near_value - 0.99), epsilon = 1e-12);
         assert_eq!(far["error"].is_null(), far_value <= 1.0);
     }
@@ -413,7 +446,11 @@ fn a_number_that_is_set_twice_is_refused() {
     let twice = [".r1` is set twice"];
     ends(&["sweep", LENS, "--set", "L1.r1=50,60", "--set", "\"L1\".r1=70", "-n", "1000"], USAGE, &twice);
     ends(&["diff", LENS, "--set", "L1.r1=50", "--set", "\"L1\".r1=70", "-n", "1000"], USAGE, &twice);
-    ends(&["sweep", LENS, "--tolerance", "L1.r1=1%", "--tolerance", "\"L1\".r1=2%", "-n", "1000"], USAGE, &twice);
+    ends(
+        &["sweep", LENS, "--tolerance", "L1.r1=1%", "--tolerance", "\"L1\".r1=2%", "-n", "1000"],
+        USAGE,
+        &twice,
+    );
     ends(&["sweep", LENS, "--set", "L1.r1=50,NaN", "-n", "1000"], USAGE, &["`NaN` is not finite"]);
     ends(&["sweep", LENS, "--set", "L1.r1=0:1:1e5", "--set", "L1.z=0:1:1e5"], USAGE, &["10000000000 points"]);
 }

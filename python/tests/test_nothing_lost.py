@@ -123,9 +123,9 @@ def test_a_timeout_ends_a_whole_sweep_and_keeps_its_points() -> None:
     with session() as one:
         one.trace(singlet(), NUM_RAYS)
         start = time.monotonic()
-        with pytest.raises(nsq_gpu.TraceTimeoutError, match="the sweep took longer than timeout = 1 s") as caught:
-            one.sweep(singlet(), {"L.r1": np.linspace(50.0, 60.0, 100_000)}, NUM_RAYS, timeout=1.0)
-        assert time.monotonic() - start < 5.0
+        with pytest.raises(nsq_gpu.TraceTimeoutError, match="the sweep took longer than timeout = 4 s") as caught:
+            one.sweep(singlet(), {"L.r1": np.linspace(50.0, 60.0, 100_000)}, NUM_RAYS, timeout=4.0)
+        assert time.monotonic() - start < 12.0
         assert caught.value.partial.partial and caught.value.partial.num_rays.any()
 
 

@@ -2,8 +2,8 @@
 
 use crate::cli::console::{choose_vectors, named, read_scene, say};
 use crate::cli::progress::{Mode, Progress, Status};
-use crate::cli::sweep::parse_number;
 use crate::cli::stops::{end_with_caller, stop_on_interrupt};
+use crate::cli::sweep::parse_number;
 use crate::cli::trace_args::{PathsArg, PrecisionArg, StandardErrorArg, TraceArgs};
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu};

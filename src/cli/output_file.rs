@@ -70,7 +70,8 @@ fn is_input(path: &Path, scene: &Path) -> bool {
     let is_this = |other: &Path| other.canonicalize().is_ok_and(|other| other == real);
     let folder = scene.parent().unwrap_or(Path::new(""));
     let document = std::fs::read_to_string(scene).ok().and_then(|text| json5::from_str::<Value>(&text).ok());
-    is_this(scene) || document.is_some_and(|document| texts(&document).any(|name| is_this(&folder.join(name))))
+    is_this(scene)
+        || document.is_some_and(|document| texts(&document).any(|name| is_this(&folder.join(name))))
 }
 
 /// All texts of a document.
@@ -121,9 +122,9 @@ mod tests {
         late.write(b"points").unwrap_err();
         assert_eq!(fs::read(path("late.csv")).unwrap(), b"made meanwhile");
         assert_eq!(fs::read(path("part.stl")).unwrap(), b"made by a user");
-        let hidden = fs::read_dir(folder.path()).unwrap().filter(|entry| {
-            entry.as_ref().unwrap().file_name().to_string_lossy().starts_with('.')
-        });
+        let hidden = fs::read_dir(folder.path())
+            .unwrap()
+            .filter(|entry| entry.as_ref().unwrap().file_name().to_string_lossy().starts_with('.'));
         assert_eq!(hidden.count(), 0);
     }
 

@@ -156,7 +156,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         let options = TraceOptions { precision: choosing.precision(), ..options.clone() };
         let identity = Identity::new(&ir, Some(args.scene.display().to_string()), &options, &gpu.info);
         let identity = if keeps_rows(args) { identity } else { identity.with_paths_apart() };
-        let begun = resumed.map(|resumed| beginning(args, &identity, resumed)).transpose()?;
+        let begun = resumed.map(|resumed| beginning(args, &ir, &identity, resumed)).transpose()?;
         let rays_in = |path: &PathBuf| checkpoint::rays_in(path, &identity, args.overwrite);
         let rays_there = args.checkpoint.as_ref().map_or(Ok(0), rays_in)?;
         let run = Run {
@@ -182,7 +182,8 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
 /// True if a path is that of a file of one of these names in a folder.
 fn is_one_of(path: &Path, dir: &Path, names: &[String]) -> bool {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let is_there = folder.canonicalize().is_ok_and(|folder| dir.canonicalize().is_ok_and(|dir| dir == folder));
+    let is_there =
+        folder.canonicalize().is_ok_and(|folder| dir.canonicalize().is_ok_and(|dir| dir == folder));
     is_there && names.iter().any(|name| path.file_name() == Some(name.as_ref()))
 }
 
@@ -346,14 +347,16 @@ pub(crate) fn missed_target(result: &TraceResult) -> Option<String> {
 }
 
 /// The sums from which the trace goes on.
-fn beginning(args: &Args, identity: &Identity, resumed: Checkpoint) -> Result<Tally> {
+fn beginning(args: &Args, ir: &SceneIr, identity: &Identity, resumed: Checkpoint) -> Result<Tally> {
     let differences = identity.differences_from_beginning(&resumed.identity);
     let file = args.resume.as_deref().unwrap_or(Path::new(""));
     resumed.check_rows(file, "--checkpoint")?;
-    let file = file.display();
     if !differences.is_empty() {
-        return Err(Error::Usage(format!("{file} is of another trace: {}", differences.join("; "))));
+        let differences = differences.join("; ");
+        return Err(Error::Usage(format!("{} is of another trace: {differences}", file.display())));
     }
+    resumed.check(file, ir)?;
+    let file = file.display();
     if !identity.same_device(&resumed.identity) {
         say(&format!(
             "{file} comes from another adapter or driver, {} ({}): the bits may differ from those of an unbroken trace",

@@ -3,14 +3,14 @@
 use std::io::{Error, Read, Result};
 use std::path::Path;
 
-/// The contents of a file of at most `most` bytes; a longer one is not read. A pipe could keep a trace waiting for ever and a device has no end, so that
-/// neither is opened.
+/// The contents of a file of at most `most` bytes; a longer one is not read. A pipe could keep a trace waiting for ever and a
+/// device has no end, so that neither is opened.
 pub(crate) fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
     let found = std::fs::metadata(path)?;
     if found.is_dir() {
         return Err(Error::other("it is a folder, and no file"));
     }
-    if !found.is_file() {
+    if !found.is_file() && !is_handed_over(path) {
         return Err(Error::other("it is a pipe or a device, and no file"));
     }
     let too_long = || Error::other(format!("the file is longer than {most} bytes"));
@@ -21,6 +21,11 @@ pub(crate) fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
     std::fs::File::open(path)?.take(most + 1).read_to_end(&mut bytes)?;
     // It may have grown meanwhile.
     if bytes.len() as u64 > most { Err(too_long()) } else { Ok(bytes) }
+}
+
+/// True of a stream that the caller of the program has opened: `nsq-gpu check <(command)`, `command | nsq-gpu check /dev/stdin`.
+fn is_handed_over(path: &Path) -> bool {
+    path == Path::new("/dev/stdin") || path.starts_with("/dev/fd") || path.starts_with("/proc/self/fd")
 }
 
 /// Text in any encoding that editors write. Beyond ASCII there are names and comments alone, so that what is neither UTF-8 nor

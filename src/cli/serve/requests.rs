@@ -104,10 +104,12 @@ impl Request {
             Some("trace") => {
                 TraceRequest::of(header, arrays).map(|request| Request::Trace(Box::new(request)))
             }
-            Some(other) => {
-                Err(Error::Usage(format!("there is no request `{other}`; there are hello, trace, stop and cancel")))
+            Some(other) => Err(Error::Usage(format!(
+                "there is no request `{other}`; there are hello, trace, stop and cancel"
+            ))),
+            None => {
+                Err(Error::Usage("the header has no text `request`: hello, trace, stop or cancel".into()))
             }
-            None => Err(Error::Usage("the header has no text `request`: hello, trace, stop or cancel".into())),
         }
     }
 }

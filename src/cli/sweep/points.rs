@@ -85,8 +85,9 @@ impl Point {
             self.numbers.iter().map(|(name, value)| (name.clone(), json!(value))).collect();
         match &self.outcome {
             Ok(Traced { seed, num_rays, fluxes }) => {
-                let flux =
-                    |flux: &Flux| (flux.name.clone(), json!({"flux": flux.flux, "standard_error": flux.error}));
+                let flux = |flux: &Flux| {
+                    (flux.name.clone(), json!({"flux": flux.flux, "standard_error": flux.error}))
+                };
                 let fluxes: Map<String, Value> = fluxes.iter().map(flux).collect();
                 json!({"index": self.index, "set": numbers, "seed": seed, "num_rays": num_rays, "fluxes": fluxes})
             }

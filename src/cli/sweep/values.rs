@@ -169,9 +169,17 @@ mod tests {
         assert_eq!(values("L1.r1=1,-2e1"), Ok(vec![1.0, -20.0]));
         assert_eq!(values("L1.r1=7:9:1"), Ok(vec![7.0]));
         assert_eq!(parse_values("\"a=b\".r1=3").map(|values| values.name), Ok("\"a=b\".r1".into()));
-        for wrong in
-            ["L1.r1", "L1.r1=", "L1.r1=1:2", "L1.r1=1:2:0", "L1.r1=1:2:1.5", "L1.r1=a,b", "L1.r1=1:2:1e9", "L1.r1=1,NaN", "L1.r1=1e999"]
-        {
+        for wrong in [
+            "L1.r1",
+            "L1.r1=",
+            "L1.r1=1:2",
+            "L1.r1=1:2:0",
+            "L1.r1=1:2:1.5",
+            "L1.r1=a,b",
+            "L1.r1=1:2:1e9",
+            "L1.r1=1,NaN",
+            "L1.r1=1e999",
+        ] {
             assert!(parse_values(wrong).is_err(), "{wrong}");
         }
     }
