@@ -33,7 +33,7 @@ from nsq_gpu.export import export, to_json
 from nsq_gpu.integrity import read_report
 from nsq_gpu.process import ProgressCallback, Shown, Update, run
 from nsq_gpu.results import check_paths, fill_scene, in_folder, warn_of
-from nsq_gpu.session import EXPORTED, Answer, Session, as_written
+from nsq_gpu.session import EXPORTED, Answer, Session, as_written, numbers_of_rays
 from nsq_gpu.sweeps import Point, Sweep
 from nsq_gpu.sweeps import run as run_points
 
@@ -111,6 +111,7 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
         Interrupted: Ctrl-C ended the call. The ``partial`` of this and of the errors above is the result of the ranges that
             were done, where there are any; the live detectors hold it too.
     """
+    num_rays, seed, max_depth = numbers_of_rays(num_rays, seed, max_depth).values()
     if num_rays < 2 or parts is not None and parts < 1:
         raise UsageError(f"num_rays is {num_rays} and parts {parts}; give at least 2 rays and 1 part")
     deadline = _Deadline(timeout)
@@ -197,6 +198,7 @@ def sweep(scene: NSQScene, numbers: Mapping[str, Sequence[float]], num_rays: int
         Interrupted: Ctrl-C ended the call. The ``partial`` of this and of the errors above is the sweep of the points that
             were done, where there are any.
     """
+    num_rays, seed, max_depth = numbers_of_rays(num_rays, seed, max_depth).values()
     deadline = _Deadline(timeout)
     text = to_json(export(scene).document, indent=None)
     program = find_binary(binary)

@@ -14,6 +14,15 @@ from typing import Any
 import optiland
 
 
+#: Characters that move a terminal's cursor, or turn the order in which text is read; names in files of others may hold them.
+_ACTIVE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
+
+
+def _plain(message: str) -> str:
+    """Return a message that cannot garble a terminal."""
+    return _ACTIVE.sub(lambda found: found[0].encode("unicode_escape").decode(), str(message))
+
+
 class NsqGpuError(RuntimeError):
     """A trace or an export failed; the message says where and why."""
 
@@ -23,7 +32,7 @@ class NsqGpuError(RuntimeError):
     partial: Any = None
 
     def __init__(self, message: str, exit_code: int | None = None, stderr: str = "") -> None:
-        super().__init__(message)
+        super().__init__(_plain(message))
         self.exit_code = exit_code if exit_code is not None else type(self).exit_code
         #: All that the command wrote to stderr.
         self.stderr = stderr
@@ -140,4 +149,4 @@ def warn(message: str, category: type[Warning]) -> None:
     frame, level = sys._getframe(1), 2
     while frame.f_back is not None and not is_users(frame):
         frame, level = frame.f_back, level + 1
-    warnings.warn(message, category, stacklevel=level)
+    warnings.warn(_plain(message), category, stacklevel=level)

@@ -21,8 +21,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from optiland.nonsequential.detectors.configs import IrradianceDetectorConfig
+
 import nsq_gpu
-from nsq_gpu import placing
+from nsq_gpu import cluster, placing
 from nsq_gpu.convert.__main__ import main as convert
 from nsq_gpu.export import export_scene
 from tests import live
@@ -239,7 +241,9 @@ def test_whole_numbers_are_asked_for_alike() -> None:
         calls = (lambda rays: one.trace(singlet(), rays), lambda rays: one.sweep(singlet(), {"L.r1": [60.0]}, rays),
                  lambda rays: nsq_gpu.diff(singlet(), singlet(61.0), rays, binary=live.binary()),
                  lambda rays: nsq_gpu.jacobian(singlet(), "L.r1", rays, binary=live.binary()),
-                 lambda rays: live.backend().trace(singlet(), rays))
+                 lambda rays: live.backend().trace(singlet(), rays),
+                 lambda rays: cluster.trace(singlet(), rays, object()),
+                 lambda rays: cluster.sweep(singlet(), {"L.r1": [60.0]}, rays, object()))
         for call in calls:
             for rays in (1000.5, "many", math.nan):
                 with pytest.raises(nsq_gpu.UsageError, match="num_rays is .*; give a whole number"):
@@ -247,6 +251,10 @@ def test_whole_numbers_are_asked_for_alike() -> None:
 
 
 # Files
+
+
+def scene_detector() -> IrradianceDetectorConfig:
+    return IrradianceDetectorConfig(20.0, 20.0, 8, 8)
 
 
 @posix_only
@@ -329,6 +337,17 @@ def test_convert_writes_over_nothing(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert lens.read_text() == text and scene.read_text() == "mine"
     assert convert([str(lens), "-o", str(scene), "--overwrite"]) == 0
     assert json.loads(scene.read_text())["components"] or json.loads(scene.read_text())["nsq_gpu"]
+
+
+def test_no_name_garbles_a_terminal() -> None:
+    scene = singlet()
+    scene.add_detector("a\x1b[2J\u202e\x9b", live.cs(z=60.0), scene_detector())
+    with session() as one, pytest.raises(nsq_gpu.UsageError) as caught:
+        one.trace(scene, NUM_RAYS, where="hit(\x1b[2J\u202e)")
+    assert str(caught.value).isprintable()
+    with pytest.warns(nsq_gpu.NsqGpuWarning) as warned, session() as one:
+        one.trace(scene, NUM_RAYS)
+    assert all(str(warning.message).isprintable() for warning in warned)
 
 
 def test_no_name_becomes_a_formula(tmp_path: Path) -> None:

@@ -1,9 +1,11 @@
 //! `nsq-gpu view`: opens a window on a trace or on results, or draws a picture of it.
 
+use crate::cli::console::named;
 use crate::cli::output_file::OutputFile;
 use crate::cli::stops::stop_on_interrupt;
 use crate::count;
 use crate::error::{Error, Result};
+use crate::format::plain;
 use crate::model::PathFilter;
 use crate::viewer::compare::Comparison;
 use crate::viewer::light::Shown;
@@ -124,8 +126,8 @@ pub fn run(args: &Args) -> Result<String> {
             if is_stopped() {
                 return Err(Error::Interrupted);
             }
-            let problem = app.model.messages.first().cloned();
-            return Err(Error::Usage(problem.unwrap_or_else(|| "nothing was traced".into())));
+            let failure = app.model.failure.take();
+            return Err(failure.unwrap_or_else(|| Error::Usage("nothing was traced".into())));
         }
         if args.path_rank.is_some() && !matches!(app.model.light.shown(), Shown::Row(_)) {
             let problem = app.model.light.problem().unwrap_or("the table of paths is not ready");
@@ -162,7 +164,9 @@ fn refuse_options_of_traces(args: &Args) -> Result<()> {
 
 fn app(args: &Args, settings: Settings, notify: Notify) -> Result<App> {
     let device = Device::on(args.adapter.clone());
-    let mut model = Model::open(&args.path, settings, device, notify)?;
+    let name = args.path.display().to_string();
+    let mut model =
+        Model::open(&args.path, settings, device, notify).map_err(|error| named(error, &plain(&name)))?;
     if model.a().is_some() {
         refuse_options_of_traces(args)?;
     }

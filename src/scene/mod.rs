@@ -123,7 +123,16 @@ impl Scene {
     /// [`Error::Scene`] if the text is no JSON, [`Error::Usage`] for a name of nothing.
     pub fn numbers(text: &str, names: &[String]) -> Result<Vec<f64>> {
         let tree = text::parse(text)?;
-        names.iter().map(|name| parameters::get(&tree, name)).collect()
+        let number = |name: &String| {
+            parameters::get(&tree, name).or_else(|error| {
+                // A key that is misspelt has a better word than one that the file leaves out.
+                let mut changed = tree.clone();
+                parameters::set_all(&mut changed, &[(name.clone(), 1.0)])?;
+                de::typed::<SceneFile>(&changed)?;
+                Err(error)
+            })
+        };
+        names.iter().map(number).collect()
     }
 
     fn read(text: &str, folder: &Path) -> Result<Self> {

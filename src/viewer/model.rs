@@ -266,6 +266,8 @@ pub struct Model {
     pub wavelength: f64,
     /// Messages about failures and finished work, the latest last.
     pub messages: Vec<String>,
+    /// Why the last trace failed.
+    pub failure: Option<Error>,
     /// Light by its path.
     pub light: Light,
     scene: Option<Arc<LoadedScene>>,
@@ -299,6 +301,7 @@ impl Model {
             bin: None,
             wavelength: 0.555,
             messages: Vec::new(),
+            failure: None,
             light: Light::default(),
             scene: None,
             a: None,
@@ -410,8 +413,9 @@ impl Model {
                 self.a = Some(result);
                 self.revision += 1;
             }
-            if let State::Failed(problem) = job.state() {
-                self.messages.push(problem);
+            if let State::Failed(error) = job.state() {
+                self.messages.push(error.to_string());
+                self.failure = Some(error);
                 self.job = None;
             }
         }

@@ -100,8 +100,8 @@ pub enum State {
     Paused,
     /// All rays are traced, or the user stopped the trace.
     Finished,
-    /// The trace failed; the text is for the user.
-    Failed(String),
+    /// The trace failed.
+    Failed(Error),
 }
 
 /// The latest state and result, from the tracing thread.
@@ -180,7 +180,7 @@ impl Job {
         let (num_rays, worker) = (options.num_rays, shared.clone());
         let thread = std::thread::spawn(move || {
             if let Err(error) = trace(&worker, &device, &scene, &options) {
-                lock(&worker.shelf).state = State::Failed(error.to_string());
+                lock(&worker.shelf).state = State::Failed(error);
             }
             (worker.notify)();
         });

@@ -189,6 +189,9 @@ fn refusal(found: &Points) -> Option<Error> {
         ),
         false => (format!("{num_refused} of {num_points} points"), "the other points are returned"),
     };
+    if num_refused == num_points {
+        return Some(Error::scene(of_all, "none can be traced", "give other values"));
+    }
     let problem = format!("left out, the first of them {}", first.label(found.is_of_tolerances()));
     Some(Error::scene(of_all, problem, remedy))
 }
