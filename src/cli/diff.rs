@@ -11,7 +11,7 @@ use crate::model::depth;
 use crate::result::{RunInfo, SceneDifference, difference, output};
 use crate::scene::Scene;
 use crate::trace::TraceOptions;
-use crate::trace::difference::Pair;
+use crate::trace::difference::{FIRST_STEP_RAYS, Pair};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::time::Instant;
@@ -127,7 +127,8 @@ pub fn run(args: &Args) -> Result<String> {
     let start = Instant::now();
     let found = pair.difference(&gpu, &options, args.trace.filter.as_deref(), |[a, b]| {
         shown.update(&Status::of_rays(a + b, 2 * options.num_rays, start.elapsed()));
-        !stop.load(Ordering::Relaxed)
+        // A stop while shaders are compiled still has rays to keep.
+        b < FIRST_STEP_RAYS.min(options.num_rays) || !stop.load(Ordering::Relaxed)
     })?;
     shown.finish();
     let mut scene_warnings = a.warnings_in(options.precision);

@@ -224,9 +224,11 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
     let num_rays = (differentiated.num_passes() + of_edges) * options.num_rays;
     let mut shown = Progress::new(args.progress, num_rays);
     let start = Instant::now();
+    let mut is_first = true;
     let mut keep_going = |rays| {
         shown.update(&Status::of_rays(rays, num_rays, start.elapsed()));
-        !stop.load(Ordering::Relaxed)
+        // A stop while shaders are compiled still has rays to keep.
+        std::mem::take(&mut is_first) || !stop.load(Ordering::Relaxed)
     };
     let how = How { with_edges: args.gradient_edges, ..How::default() };
     let (mut gradients, tally) = differentiated.gradients(&gpu, &options, how, &mut keep_going)?;

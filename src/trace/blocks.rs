@@ -21,6 +21,8 @@ pub(crate) struct Traced {
     pub(crate) tally: Tally,
     /// False if the trace was stopped before the last of them.
     pub(crate) is_whole: bool,
+    /// True if the trace was stopped, be it after the last of them.
+    pub(crate) is_stopped: bool,
 }
 
 /// The sums of the blocks so far.
@@ -53,12 +55,13 @@ impl Blocks {
         let Tally { launched, rays, .. } = &self.sums;
         let begun = Tally { launched: *launched, rays: rays.clone(), ..tracer.empty_tally() };
         tracer.pause_at(end);
-        let mut is_whole = false;
+        let (mut is_whole, mut is_stopped) = (false, false);
         let tally = tracer.go_on(begun, |progress| {
             is_whole = progress.position() >= end;
-            Ok(keep_going(progress.done) && !is_whole)
+            is_stopped = !keep_going(progress.done);
+            Ok(!is_stopped && !is_whole)
         })?;
-        Ok(Traced { tally, is_whole })
+        Ok(Traced { tally, is_whole, is_stopped })
     }
 
     /// Adds what [`Blocks::trace_to`] gave, and gives the sums of these rays alone: launched rays are theirs.

@@ -20,7 +20,7 @@ use std::sync::Arc;
 /// Blocks of rays, at least: the error of an error is then 9 %.
 const NUM_BLOCKS: u64 = 64;
 /// Rays of the first step of a trace. Both scenes have traced the same rays after each step, so that a stop keeps them.
-const FIRST_STEP_RAYS: u64 = 1 << 12;
+pub(crate) const FIRST_STEP_RAYS: u64 = 1 << 10;
 
 /// Two scenes that launch the same rays.
 pub struct Pair<'a> {
@@ -91,7 +91,7 @@ impl<'a> Pair<'a> {
         let num_blocks = if is_sobol { 1 } else { num_blocks(num_rays, NUM_BLOCKS) };
         let mut blocks = tracers.each_ref().map(|tracer| Blocks::new(tracer, num_blocks));
         let mut spreads = [Spread::default(), Spread::default()];
-        let mut done = [0; 2];
+        let (mut done, mut is_stopped) = ([0; 2], false);
         'blocks: for number in 0..num_blocks {
             let end = blocks[0].next_end(&tracers[0]);
             // Where one block is all there is so far, a stop within it keeps its steps.
@@ -104,12 +104,17 @@ impl<'a> Pair<'a> {
                         done[side] = rays;
                         keep_going(done)
                     })?;
-                    if !of_side.is_whole {
+                    is_stopped = of_side.is_stopped;
+                    // Of what B has not traced, there is no difference.
+                    if !of_side.is_whole || is_stopped && side == 0 {
                         break 'blocks;
                     }
                     traced.push(of_side.tally);
                 }
                 of_block = Some((blocks[0].add(traced.swap_remove(0)), blocks[1].add(traced.swap_remove(0))));
+                if is_stopped {
+                    break;
+                }
             }
             let of_block = match number {
                 0 => Some((blocks[0].sums.clone(), blocks[1].sums.clone())),
@@ -121,6 +126,9 @@ impl<'a> Pair<'a> {
                 let [a, b] = [pairing.figures(0, &a, units[0])?, pairing.figures(1, &b, units[1])?];
                 spreads[0].add(num_rays, &less(&a.lines, &b.lines));
                 spreads[1].add(num_rays, &less(&a.detected, &b.detected));
+            }
+            if is_stopped {
+                break;
             }
         }
         let sums = blocks.map(|blocks| blocks.sums);

@@ -215,10 +215,11 @@ impl<'a> Job<'a> {
         let start = Instant::now();
         let how = How { shelf: Some(self.shelf), without_errors: !request.gradient_errors, ..How::default() };
         let num_rays = scene.num_passes() * options.num_rays;
-        let mut last = Next::GoOn;
+        let (mut last, mut is_first) = (Next::GoOn, true);
         let (gradients, tally) = scene.gradients(gpu, &options, how, |rays| {
             last = next(&Status::of_rays(rays, num_rays, start.elapsed()));
-            last == Next::GoOn
+            // A stop while shaders are compiled still has rays to keep.
+            last == Next::GoOn || last == Next::Stop && std::mem::take(&mut is_first)
         })?;
         let has_all = gradients.len() == request.gradient.len() * scene.ir.detectors.len();
         let is_whole = has_all && tally.launched.count == options.num_rays;

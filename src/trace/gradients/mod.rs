@@ -157,11 +157,11 @@ impl Differentiated {
 
     /// The derivatives of every detector by every parameter, and the sums of the trace. `keep_going` gets the rays done of
     /// all passes, and ends the trace by returning false: what is found then is that of all passes done, or of the rays that the
-    /// first pass has done.
+    /// first pass has done. Where the very first call ends the trace, there is nothing.
     ///
     /// # Errors
     /// [`Error::Usage`] for options that make no sense, for a parameter whose change changes what the scene is made of, and for
-    /// one that acts at edges alone. [`Error::Interrupted`] if no ray was done. [`Error::Device`] if the device fails.
+    /// one that acts at edges alone. [`Error::Interrupted`] if the first call ended it. [`Error::Device`] if the device fails.
     pub fn gradients(
         &self,
         gpu: &Gpu,
@@ -434,15 +434,23 @@ impl Differentiated {
         let chains: Vec<Chain> =
             parameters.iter().map(|scaled| Chain::of(ir, scaled, num_rays)).collect::<Result<_>>()?;
         let mut spreads = vec![Spread::default(); parameters.len()];
+        let mut has_gone_on = false;
         for _ in 0..num_blocks {
             let end = blocks.next_end(&tracer);
-            let traced = blocks.trace_to(&mut tracer, end, &mut keep_going)?;
+            let traced = blocks.trace_to(&mut tracer, end, |rays| {
+                let goes_on = keep_going(rays);
+                has_gone_on |= goes_on;
+                goes_on
+            })?;
+            if !has_gone_on && traced.tally.launched.count < num_rays {
+                return Err(Error::Interrupted);
+            }
             // Of a block that was stopped, the rays that were traced are a smaller block.
             let block = blocks.add(traced.tally);
             for (number, (chain, spread)) in chains.iter().zip(&mut spreads).enumerate() {
                 spread.add(block.launched.count, &chain.derivatives(&block, number));
             }
-            if !traced.is_whole {
+            if traced.is_stopped {
                 break;
             }
             blocks.end_block();
