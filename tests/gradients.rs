@@ -1216,7 +1216,8 @@ fn a_stopped_trace_gives_what_is_done() {
         |most: u64| scene.gradients(zoo::gpu(), &options, How::default(), |done| done < most).unwrap();
     let (whole, _) = until(u64::MAX);
     let (part, tally) = until(100_000);
-    assert!((50_000..=100_000).contains(&tally.launched.count), "{}", tally.launched.count);
+    // Rays of the pass after which it was stopped count, too.
+    assert!((50_000..=107_000).contains(&tally.launched.count), "{}", tally.launched.count);
     assert_eq!(part.len(), 4);
     for (part, whole) in part.iter().zip(&whole) {
         assert_eq!(part.parameter, whole.parameter);

@@ -12,8 +12,9 @@ use syn::visit::Visit;
 
 /// The rooms of src/, each of which may import from itself and from those before it. This is the one list of layers.
 const LAYERS: [&str; 19] = [
-    "error", // what can go wrong
-    "mesa", "folders", "placing", "count", "format",   // the machine's ways, and how numbers read
+    "format", // numbers and names for people
+    "error",  // what can go wrong
+    "mesa", "folders", "placing", "count",    // the machine's ways, and how numbers read
     "gpu",      // wgpu and nothing else
     "shaders",  // the text of the shaders
     "model",    // the scene as traced

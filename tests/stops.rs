@@ -375,7 +375,11 @@ fn a_bad_point_is_named_and_the_others_are_returned() {
     let place = Place::new();
     let (scene, points) = (place.text("scene.json"), place.text("points.csv"));
     let sweep = ["sweep", &scene, "--set", "L1.thickness=6,7,-1,8", "-n", "1000", "--precision", "f64"];
-    let words = ["point 2 (L1.thickness = -1): ", "1 of 4 points: left out", "the other points are returned"];
+    let words = [
+        "point 2 (L1.thickness = -1): ",
+        "1 of 4 points cannot be traced: the first is point 2",
+        "the other points are returned",
+    ];
     let found = json(&ends(&[&sweep[..], &["--json", "-o", &points]].concat(), SCENE, &words).stdout);
     assert_eq!(
         (&found["num_points"], &found["num_refused"], &found["partial"]),
@@ -423,7 +427,7 @@ fn samples_that_cannot_be_are_left_out_and_change_no_other_sample() {
     let (code, said, wide) = tolerance("1%");
     assert_eq!(code, Some(SCENE), "{said}");
     let refused = wide["num_refused"].as_u64().unwrap();
-    assert!(refused > 0 && said.contains(&format!("{refused} of 40 samples: left out")), "{said}");
+    assert!(refused > 0 && said.contains(&format!("{refused} of 40 samples cannot be traced")), "{said}");
     assert!(said.contains("quantiles are of the other samples"), "{said}");
     let all = wide["points"].as_array().unwrap();
     assert_eq!(all.len(), 40);

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import queue
 import signal
@@ -14,7 +15,7 @@ from collections.abc import Callable, Sequence
 from concurrent import futures
 from typing import IO, Any
 
-from nsq_gpu.errors import NsqGpuError, TraceTimeoutError, error_of
+from nsq_gpu.errors import NsqGpuError, TraceTimeoutError, UsageError, error_of
 
 #: Called with the rays done, the rays in all, and the rays per second.
 ProgressCallback = Callable[[int, int, float], None]
@@ -36,12 +37,27 @@ class Update:
 _TICK = 0.1
 
 
-#: How long a command that was stopped may take to write what it has [s].
-_GRACE = 3.0
+#: How long a command that was stopped may take to write what it has [s]. A second Ctrl-C ends it at once.
+_GRACE = 60.0
 
 
 #: Why nothing is traced when Python ends: threads that would listen no longer run.
 ENDING = "Python is ending, and traces nothing any more; trace before the end of the script"
+
+
+def seconds(timeout: float | None) -> float | None:
+    """Return a timeout as locks and clocks take it: None for one without end.
+
+    Raises:
+        UsageError: It is no time.
+    """
+    try:
+        given = math.inf if timeout is None else float(timeout)
+    except (TypeError, ValueError):
+        given = math.nan
+    if not given >= 0.0:
+        raise UsageError(f"timeout is {timeout!r}; give a number of seconds, or None for no end")
+    return None if given > threading.TIMEOUT_MAX else given
 
 
 def check_not_ending() -> None:
@@ -78,10 +94,12 @@ def run(command: Sequence[str], timeout: float | None = None, progress: Shown | 
         code = _end(child)
     except BaseException:
         if not starting.cancel() and starting.exception() is None:
-            if keeps:
-                _stop(starting.result())
-            starting.result().kill()
-            _end(starting.result())
+            try:
+                if keeps:
+                    _stop(starting.result())
+            finally:
+                starting.result().kill()
+                _end(starting.result())
         raise
     text = "\n".join(said)
     if code not in accepted:
@@ -90,8 +108,11 @@ def run(command: Sequence[str], timeout: float | None = None, progress: Shown | 
 
 
 def _stop(child: subprocess.Popen[str]) -> None:
-    """Ask a child to stop, as by Ctrl-C, and wait a moment for its end."""
-    child.send_signal(signal.SIGINT if os.name != "nt" else signal.SIGTERM)
+    """Ask a child to stop, as by Ctrl-C, and wait for its end.
+
+    Not by SIGINT: a script that a shell runs in the background has that one ignored, and so has its child.
+    """
+    child.send_signal(signal.SIGTERM)
     try:
         child.wait(_GRACE)
     except subprocess.TimeoutExpired:
@@ -123,6 +144,7 @@ def _end(child: subprocess.Popen[str]) -> int:
 
 def _listen(child: subprocess.Popen[str], timeout: float | None, progress: Shown | None) -> list[str]:
     """Return the lines of stderr when it closes; lines of progress are shown, in the caller's thread."""
+    timeout = seconds(timeout)
     deadline = None if timeout is None else time.monotonic() + timeout
     lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
     assert child.stderr is not None

@@ -120,6 +120,8 @@ def fill_scene(scene: NSQScene, report: Json, load: Load, surface_labels: list[s
         diagnostics=_diagnostics(scene, report, detectors),
     )
     _add_paths(result, report)
+    # True where a stop ended the trace: the caller knows.
+    result.partial = False
     return result
 
 

@@ -23,7 +23,7 @@ from nsq_gpu.binary import find_binary
 from nsq_gpu.errors import Interrupted, NsqGpuError, SceneError, TraceTimeoutError, UsageError, error_of
 from nsq_gpu.export import export, to_json
 from nsq_gpu.export.values import whole_number
-from nsq_gpu.process import ENDING, check_not_ending
+from nsq_gpu.process import ENDING, check_not_ending, seconds
 from nsq_gpu.results import check_paths, fill_scene, warn_of
 from nsq_gpu.sweeps import Point, Sweep, run
 
@@ -40,6 +40,8 @@ _FRAME = struct.Struct("<IQ")
 _TICK = 0.1
 #: How long a trace that was stopped may take to say so before its process is ended [s].
 _GRACE = 3.0
+#: How long it may take to send what it has, once it has heard of the stop [s]. A second Ctrl-C ends the wait.
+_LONG_GRACE = 60.0
 #: A message: a header, and bytes of arrays.
 _Message = tuple[Json, bytearray]
 
@@ -167,7 +169,8 @@ class Session:
             answer = self.request(scene, options, keeps=True, **more)
         except (Interrupted, TraceTimeoutError) as stop:
             if stop.partial is not None:
-                stop.partial = result_of(stop.partial, True)
+                # A stop may come when the last ray is done.
+                stop.partial = result_of(stop.partial, bool(stop.partial.report["partial"]))
             raise
         return result_of(answer, False)
 
@@ -202,6 +205,7 @@ class Session:
             Interrupted: Ctrl-C ended the sweep; ``partial`` is the sweep of the points that are done.
         """
         text = to_json(export(scene).document, indent=None)
+        timeout = seconds(timeout)
         deadline = None if timeout is None else time.monotonic() + timeout
         known: set[str] = set()
 
@@ -242,9 +246,8 @@ class Session:
             header |= {"gradient": list(gradient), "gradient_errors": gradient_errors}
         if self._live is not None:
             header["live"] = self._live
-        child = self._running()
         try:
-            return Answer(*child.ask(header, timeout, progress, keeps=keeps))
+            return Answer(*self._ask(header, timeout, progress, keeps=keeps))
         except (Interrupted, TraceTimeoutError) as stop:
             stop.partial = None if stop.partial is None else Answer(*stop.partial)
             raise
@@ -262,7 +265,7 @@ class Session:
         arrays = {detector: _npy(array) for detector, array in adjoints.items()}
         sizes = [{"detector": detector, "bytes": len(array)} for detector, array in arrays.items()]
         header = self._header(scene, options, name, folder) | {"gradient": list(parameters), "adjoints": sizes}
-        return self._running().ask(header, timeout, None, b"".join(arrays.values()))[0]
+        return self._ask(header, timeout, None, b"".join(arrays.values()))[0]
 
     def _header(self, scene: str | Json, options: Mapping[str, Any], name: str | None, folder: str | None) -> Json:
         """Return the header of a request to trace, with options of the session where ``options`` say nothing."""
@@ -272,7 +275,15 @@ class Session:
 
     def hello(self) -> Json:
         """Return what the process says of itself: its version, its adapter, how many shaders it keeps."""
-        return self._running().ask({"request": "hello"}, None, None)[0]
+        return self._ask({"request": "hello"}, None, None)[0]
+
+    def _ask(self, *request: Any, **more: Any) -> _Message:
+        """Ask the process, or another one where a thread has ended it meanwhile."""
+        while True:
+            try:
+                return self._running().ask(*request, **more)
+            except _Ended:
+                continue
 
     def _running(self) -> _Child:
         check_not_ending()
@@ -335,6 +346,7 @@ class _Child:
         self._turn = threading.Lock()
         #: The thread whose turn it is.
         self._holder: int | None = None
+        self._is_ended = False
         self._waiting: dict[int, queue.SimpleQueue[_Message | None]] = {}
         self._outbox: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
         self._said: list[str] = []
@@ -377,7 +389,7 @@ class _Child:
 
     def is_alive(self) -> bool:
         """Tell whether the process still answers."""
-        return self._reader.is_alive()
+        return not self._is_ended and self._reader.is_alive()
 
     def ask(self, request: Json, timeout: float | None, progress: Callable[[Json], None] | None,
             arrays: bytes = b"", keeps: bool = False) -> _Message:
@@ -390,11 +402,14 @@ class _Child:
                              "or in another Session")
         number = next(self._ids)
         data = _encoded({"id": number, **request})
+        timeout = seconds(timeout)
         deadline = None if timeout is None else time.monotonic() + timeout
         # One request at a time: a cancel of this one would else wait for those before it.
         if not self._turn.acquire(timeout=-1 if timeout is None else max(timeout, 0.0)):
             raise TraceTimeoutError(f"the trace waited longer than timeout = {timeout:g} s for another thread's")
         try:
+            if self._is_ended:
+                raise _Ended
             self._holder = threading.get_ident()
             return self._ask(number, data + arrays, len(arrays), timeout, deadline, progress, keeps)
         finally:
@@ -445,6 +460,7 @@ class _Child:
         """End the process; a fork does not end its parent's."""
         if self._owner != os.getpid():
             return
+        self._is_ended = True
         self._process.kill()
         self._process.wait()
         for stream in (self._process.stdin, self._process.stdout, self._process.stderr):
@@ -472,7 +488,7 @@ class _Child:
     def _stop(self, number: int, answers: queue.SimpleQueue[_Message | None], keeps: bool) -> _Message | None:
         """End a request, and return the message of its rays that were traced; end the process where none comes soon."""
         self._send(_encoded({"id": number, "request": "stop" if keeps else "cancel"}))
-        deadline = time.monotonic() + _GRACE
+        deadline, is_heard = time.monotonic() + _GRACE, False
         while time.monotonic() < deadline:
             try:
                 answer = answers.get(timeout=0.05)
@@ -480,6 +496,9 @@ class _Child:
                 continue
             if answer is None:
                 return None
+            if answer[0]["reply"] == "progress" and keeps and not is_heard:
+                # Maps and rows of a long trace take a while to come.
+                deadline, is_heard = time.monotonic() + _LONG_GRACE, True
             if answer[0]["reply"] != "progress":
                 return answer if keeps and answer[0]["reply"] == "result" else None
         self.end()

@@ -26,6 +26,8 @@ Point = tuple[dict[str, float], int]
 #: Fluxes of a report beside those of detectors, by the names that a sweep has for them.
 TOTALS = {"absorbed": "total_flux_absorbed", "bulk absorbed": "total_flux_bulk_absorbed",
           "escaped": "total_flux_escaped", "lost": "total_flux_lost"}
+#: Most points that a warning names because they cannot be traced.
+_MOST_NAMED = 10
 #: The array of a detector's map, by its kind.
 MAPS = {"irradiance": "irradiance", "spectral": "irradiance", "far_field": "intensity"}
 
@@ -147,7 +149,9 @@ class Sweep:
         for name, found in self.maps.items():
             axes = [f"{name} axis {i}" for i in range(found.ndim - len(names))]
             variables[f"{name} map"] = ([*names, *axes], found, {"units": "W/mm^2, of far fields W/sr"})
-        return xarray.Dataset(variables, coordinates)
+        variables["num_rays"] = (names, self.num_rays)
+        refused = [f"point {place}: {problem}" for place, problem in self.refused.items()]
+        return xarray.Dataset(variables, coordinates, {"partial": int(self.partial), "refused": "\n".join(refused)})
 
 
 def run(trace_all: Callable[[list[Point]], Iterable[Any]], numbers: Mapping[str, Sequence[float]], zipped: bool,
@@ -171,6 +175,7 @@ def run(trace_all: Callable[[list[Point]], Iterable[Any]], numbers: Mapping[str,
     bad = {index: _not_finite(point) for index, (point, _) in enumerate(points)}
     answers = iter(trace_all([point for index, point in enumerate(points) if bad[index] is None]))
     first: NsqGpuError | None = None
+    problems: list[str] = []
     try:
         for index, (place, (point, _)) in enumerate(zip(np.ndindex(*shape), points, strict=True)):
             answer = bad[index] or next(answers)
@@ -184,7 +189,7 @@ def run(trace_all: Callable[[list[Point]], Iterable[Any]], numbers: Mapping[str,
             label = f"point {index} ({', '.join(f'{name} = {value:g}' for name, value in point.items())})"
             first = first or type(answer)(f"{label}: {problem}", answer.exit_code, answer.stderr)
             found.refused[place] = problem
-            warn(f"{label} is left out: {problem}", NsqGpuWarning)
+            problems.append(f"{label} is left out: {problem}")
     except KeyboardInterrupt as stop:
         if not found.num_rays.any():
             raise
@@ -194,6 +199,9 @@ def run(trace_all: Callable[[list[Point]], Iterable[Any]], numbers: Mapping[str,
         raise
     if first is not None and len(found.refused) == len(points):
         raise first
+    if problems:
+        more = f"\nand {len(problems) - _MOST_NAMED} more: see `refused`" if len(problems) > _MOST_NAMED else ""
+        warn("\n".join(problems[:_MOST_NAMED]) + more, NsqGpuWarning)
     return found
 
 

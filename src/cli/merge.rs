@@ -54,6 +54,20 @@ pub fn run(args: &Args) -> Result<String> {
     }
     check(&args.results, &parts, &ir)?;
     if let Some(dir) = &args.output {
+        let real = |path: &Path| path.canonicalize().ok();
+        let is_input = |result: &&PathBuf| {
+            real(dir).is_some_and(|dir| {
+                real(result) == Some(dir.clone())
+                    || real(result).is_some_and(|file| file.parent() == Some(&dir))
+            })
+        };
+        if let Some(result) = args.results.iter().find(is_input) {
+            let problem = format!(
+                "holds {}, which is added up and would be lost; name another folder",
+                result.display()
+            );
+            return Err(Error::file(dir, problem));
+        }
         let names = ir.detectors.iter().map(|detector| detector.name.as_str());
         let ray_paths = parts.iter().any(|part| !part.tally.paths.is_empty());
         let paths = parts.iter().any(|part| part.tally.path_sums.is_some());

@@ -69,7 +69,9 @@ fn is_input(path: &Path, scene: &Path) -> bool {
     let Ok(real) = path.canonicalize() else { return false };
     let is_this = |other: &Path| other.canonicalize().is_ok_and(|other| other == real);
     let folder = scene.parent().unwrap_or(Path::new(""));
-    let document = std::fs::read_to_string(scene).ok().and_then(|text| json5::from_str::<Value>(&text).ok());
+    // A stream can be read only once, and by the command.
+    let text = if scene.is_file() { std::fs::read_to_string(scene).ok() } else { None };
+    let document = text.and_then(|text| json5::from_str::<Value>(&text).ok());
     is_this(scene)
         || document.is_some_and(|document| texts(&document).any(|name| is_this(&folder.join(name))))
 }

@@ -195,7 +195,8 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         say("the second trace was interrupted: there are no centroids and no peaks");
     }
     let mut result = TraceResult::new(&ir, &run, &tally)?;
-    let mut failure = (result.run.stopped_by == Some(StoppedBy::Interrupt)).then_some(Error::Interrupted);
+    let is_stopped = result.run.stopped_by == Some(StoppedBy::Interrupt) || !traced.is_whole;
+    let mut failure = is_stopped.then_some(Error::Interrupted);
     if let Some(dir) = &args.output {
         let unit = flux_unit(&ir, &tally, tracer.num_rays());
         let rows = traced.table.paths.iter().zip(&traced.maps).take(MOST_WRITTEN);
@@ -215,7 +216,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
             let paths = traced.table.paths.iter().take(top).cloned().collect();
             let table = PathTable { paths, ..traced.table };
             let mut document = serde_json::to_value(&table).map_err(|e| Error::Internal(e.to_string()))?;
-            document["partial"] = result.run.partial.into();
+            document["partial"] = (result.run.partial || is_stopped).into();
             pretty_json(&document).map_err(|e| Error::Internal(e.to_string()))?
         }
         false => {

@@ -194,7 +194,9 @@ fn trace(
     let traced = catch_unwind(AssertUnwindSafe(|| {
         let mut next = |status: &Status| {
             let is_last = status.rays >= status.num_rays;
-            if request.progress && (is_last || told.elapsed() >= PROGRESS_INTERVAL) {
+            // A stop is acknowledged: writing what was traced may take long.
+            let is_due = request.progress && (is_last || told.elapsed() >= PROGRESS_INTERVAL);
+            if is_due || flag.next() == Next::Stop {
                 told = Instant::now();
                 unsent = output.send(&progress(id, status));
             }

@@ -20,6 +20,7 @@ use crate::cli::sweep::values::{
 use crate::cli::trace::missed_target;
 use crate::cli::trace_args::{PrecisionArg, TraceArgs};
 use crate::error::{Error, Result};
+use crate::format::shown;
 use crate::gpu::{AdapterChoice, Native};
 use crate::scene::Scene;
 use crate::trace::RecordPaths;
@@ -28,9 +29,6 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
 pub(crate) use crate::cli::sweep::values::parse_number;
-
-/// Numbers of the scene, by their names.
-type Numbers = Vec<(String, f64)>;
 
 /// Most points that are named on stderr because they cannot be. Files name all.
 const MOST_NAMED: usize = 10;
@@ -132,7 +130,14 @@ pub fn run(args: &Args) -> Result<String> {
         };
         // A point that is stopped midway is left out.
         let next = |_: &Status| if stop.load(Ordering::Relaxed) { Next::Cancel } else { Next::GoOn };
-        let outcome = match session.trace(&request, next) {
+        let not_finite = request.set.iter().find(|(_, value)| !value.is_finite());
+        let traced = match not_finite {
+            Some((name, value)) => {
+                Err(Error::scene(shown(name), format!("is {value}"), "give a finite number"))
+            }
+            None => session.trace(&request, next),
+        };
+        let outcome = match traced {
             Ok(result) => {
                 let warnings = result.run.scene_warnings.iter().chain(&result.diagnostics.grave);
                 warnings
@@ -184,14 +189,21 @@ fn refusal(found: &Points) -> Option<Error> {
     let (num_refused, num_points) = (found.refused().count(), found.points.len());
     let (of_all, remedy) = match found.is_of_tolerances() {
         true => (
-            format!("{num_refused} of {num_points} samples"),
-            "quantiles are of the other samples; a smaller tolerance, or --distribution uniform, may stay within what can be",
+            format!("{num_refused} of {num_points} samples cannot be traced"),
+            "quantiles are of the other samples; a smaller tolerance, or --distribution uniform, may leave none out",
         ),
-        false => (format!("{num_refused} of {num_points} points"), "the other points are returned"),
+        false => (
+            format!("{num_refused} of {num_points} points cannot be traced"),
+            "the other points are returned",
+        ),
     };
     if num_refused == num_points {
-        return Some(Error::scene(of_all, "none can be traced", "give other values"));
+        return Some(Error::scene(
+            of_all,
+            format!("the first is {}", first.label(found.is_of_tolerances())),
+            "give other values",
+        ));
     }
-    let problem = format!("left out, the first of them {}", first.label(found.is_of_tolerances()));
+    let problem = format!("the first is {}", first.label(found.is_of_tolerances()));
     Some(Error::scene(of_all, problem, remedy))
 }

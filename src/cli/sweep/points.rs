@@ -1,6 +1,6 @@
 //! The points of a sweep, as JSON, as comma-separated values, and as tables for people.
 
-use crate::cli::sweep::Numbers;
+use crate::cli::sweep::values::Numbers;
 use crate::format::{csv_text, pretty_json, shown};
 use crate::result::TraceResult;
 use serde_json::{Map, Value, json};
@@ -124,7 +124,9 @@ impl Points {
             "points": self.points.iter().map(Point::entry).collect::<Vec<_>>(),
         });
         if let Some(nominal) = &self.nominal {
-            document["nominal"] = nominal.entry();
+            let mut entry = nominal.entry();
+            entry.as_object_mut().into_iter().for_each(|entry| drop(entry.shift_remove("index")));
+            document["nominal"] = entry;
             let of_each = self.quantiles().into_iter().map(|row| {
                 let [least, low, middle, high, most] = row.quantiles;
                 (row.name, json!({"minimum": least, "5%": low, "50%": middle, "95%": high, "maximum": most}))
@@ -179,8 +181,7 @@ impl Points {
             text += &line(columns.iter().map(cell).collect(), problem);
         }
         if self.is_partial() {
-            let rest = self.num_points - self.points.len();
-            let problem = format!("partial: interrupted before {rest} more of {} points", self.num_points);
+            let problem = format!("partial: {} of {} points", self.points.len(), self.num_points);
             text += &line(vec![String::new(); columns.len()], &problem);
         }
         text
@@ -226,10 +227,7 @@ impl Points {
             let quantile = |share: f64| {
                 let place = share * (values.len().saturating_sub(1)) as f64;
                 let (low, high) = (place.floor() as usize, place.ceil() as usize);
-                match (values.get(low), values.get(high)) {
-                    (Some(a), Some(b)) => a + (b - a) * place.fract(),
-                    _ => *flux,
-                }
+                Some(values.get(low)? + (values.get(high)? - values.get(low)?) * place.fract())
             };
             let quantiles = [0.0, 0.05, 0.5, 0.95, 1.0].map(quantile);
             Quantiles { name: name.clone(), nominal: *flux, quantiles }
@@ -258,7 +256,10 @@ impl Points {
         for row in self.quantiles() {
             let _ = write!(text, "{:<18}{:>14.7}", shown(&row.name), row.nominal);
             row.quantiles.iter().for_each(|value| {
-                let _ = write!(text, "{value:>14.7}");
+                let _ = match value {
+                    Some(value) => write!(text, "{value:>14.7}"),
+                    None => write!(text, "{:>14}", "-"),
+                };
             });
             text.push('\n');
         }
@@ -284,6 +285,6 @@ enum ColumnKind {
 struct Quantiles {
     name: String,
     nominal: f64,
-    /// The least, those of 5, 50 and 95 %, and the most \[W\].
-    quantiles: [f64; 5],
+    /// The least, those of 5, 50 and 95 %, and the most \[W\]; none without a sample.
+    quantiles: [Option<f64>; 5],
 }

@@ -1,6 +1,5 @@
 //! The values that a sweep gives to numbers: lists, and draws of tolerances.
 
-use crate::cli::sweep::Numbers;
 use crate::error::{Error, Result};
 use crate::scene::Scene;
 
@@ -12,6 +11,9 @@ pub(super) enum Distribution {
     /// Uniform, from -s to s.
     Uniform,
 }
+
+/// Numbers of the scene, by their names.
+pub(super) type Numbers = Vec<(String, f64)>;
 
 /// Most points of a sweep.
 const MOST_POINTS: usize = 1_000_000;
@@ -62,7 +64,11 @@ pub(super) fn parse_values(text: &str) -> std::result::Result<Values, String> {
                 return Err(format!("`{rest}` has {count} values; give a whole number from 1 to 1e6"));
             }
             let step = |i: f64| if count == 1.0 { first } else { first + (last - first) * i / (count - 1.0) };
-            (0..count as u32).map(|i| step(i.into())).collect()
+            let values: Vec<f64> = (0..count as u32).map(|i| step(i.into())).collect();
+            if values.iter().any(|value| !value.is_finite()) {
+                return Err(format!("`{rest}` has values that are not finite; give a shorter range"));
+            }
+            values
         }
         [list] => list.split(',').map(number).collect::<std::result::Result<Vec<_>, _>>()?,
         _ => {

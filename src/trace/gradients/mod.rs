@@ -193,8 +193,7 @@ impl Differentiated {
                 break;
             }
             done_before += options.num_rays;
-            // A stop waits for no further trace.
-            if is_checked && !is_long && is_whole {
+            if is_checked && !is_long {
                 edges::check_maps(&self.ir, gpu, &options, how.shelf, parameters, &of_pass.1)?;
             }
             found.extend(of_pass.0);
