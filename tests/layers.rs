@@ -14,7 +14,7 @@ use syn::visit::Visit;
 const LAYERS: [&str; 19] = [
     "format", // numbers and names for people
     "error",  // what can go wrong
-    "mesa", "folders", "placing", "count",    // the machine's ways, and how numbers read
+    "mesa", "folders", "placing", "count",    // the machine's ways
     "gpu",      // wgpu and nothing else
     "shaders",  // the text of the shaders
     "model",    // the scene as traced

@@ -31,7 +31,7 @@ from nsq_gpu.binary import find_binary
 from nsq_gpu.errors import Interrupted, NsqGpuError, SceneError, TraceTimeoutError, UsageError
 from nsq_gpu.export import export, to_json
 from nsq_gpu.integrity import read_report
-from nsq_gpu.process import ProgressCallback, Shown, Update, run
+from nsq_gpu.process import ProgressCallback, Shown, Update, run, seconds
 from nsq_gpu.results import check_paths, fill_scene, in_folder, warn_of
 from nsq_gpu.session import EXPORTED, Answer, Session, as_written, numbers_of_rays
 from nsq_gpu.sweeps import Point, Sweep
@@ -268,7 +268,7 @@ class _Deadline:
     """The end of a call's time, if it has one."""
 
     def __init__(self, timeout: float | None) -> None:
-        self.timeout = timeout
+        self.timeout = seconds(timeout)
         self._start = time.monotonic()
 
     def left(self) -> float | None:

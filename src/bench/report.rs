@@ -7,6 +7,7 @@ use crate::bench::statistics::Summary;
 use crate::error::{Error, Result};
 use crate::format::pretty_json;
 use crate::gpu::{AdapterInfo, processors};
+use crate::placing::replace_file;
 use crate::result::png::bars::{Bar, Bars, Group, write_bars};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -153,7 +154,8 @@ impl BenchReport {
     pub fn write_all(&self, dir: &Path) -> Result<Vec<PathBuf>> {
         std::fs::create_dir_all(dir).map_err(|error| Error::file(dir, error))?;
         for (name, text) in [("bench.json", self.to_json()), ("bench.csv", self.to_csv())] {
-            std::fs::write(dir.join(name), text).map_err(|error| Error::file(dir.join(name), error))?;
+            replace_file(&dir.join(name), text.as_bytes())
+                .map_err(|error| Error::file(dir.join(name), error))?;
         }
         let mut files = vec![dir.join("bench.json"), dir.join("bench.csv")];
         if !self.cases.is_empty() {

@@ -149,7 +149,7 @@ pub fn run(args: &Args) -> Result<String> {
     if args.gradients {
         return run_gradients(args, cases);
     }
-    check_output(args)?;
+    check_output(args, RATES)?;
     let widths = widths(&cases)?;
     let widest = widest(&widths);
     crate::cli::console::choose_width(widest);
@@ -369,11 +369,9 @@ const QUICK: Effort = Effort { num_seeds: 2, trace_sec: 0.1, answer_sec: 0.2, mo
 /// Rays whose paths are compared between tiers.
 const PATHS: u64 = 1 << 14;
 
-/// The files that `-o` writes.
-const FILES: [&str; 10] = [
-    "bench.json",
-    "bench.csv",
-    "bench.png",
+/// Files that `-o` writes: of rates, and of error against time.
+const RATES: &[&str] = &["bench.json", "bench.csv", "bench.png"];
+const ACCURACY: &[&str] = &[
     "accuracy.txt",
     "accuracy.csv",
     "accuracy.png",
@@ -383,17 +381,17 @@ const FILES: [&str; 10] = [
     "sobol.csv",
 ];
 
-/// Refuses a folder that cannot be written, or in which a file would be lost.
-fn check_output(args: &Args) -> Result<()> {
+/// Refuses a folder that cannot be written, or in which one of these files would be lost.
+fn check_output(args: &Args, names: &[&str]) -> Result<()> {
     let Some(dir) = &args.output else { return Ok(()) };
     output::check_writable(dir)?;
-    let mut there = FILES.iter().map(|name| dir.join(name)).filter(|path| crate::placing::exists(path));
+    let mut there = names.iter().map(|name| dir.join(name)).filter(|path| crate::placing::exists(path));
     there.try_for_each(|path| OutputFile::new(&path, args.overwrite, Path::new("")).map(drop))
 }
 
 /// Measures error against time, and what Sobol points are worth.
 fn run_accuracy(args: &Args) -> Result<String> {
-    check_output(args)?;
+    check_output(args, ACCURACY)?;
     let is_chosen = |name: &str| args.scenes.is_empty() || args.scenes.iter().any(|scene| scene == name);
     check_scenes(args)?;
     let gpu = open(args)?;

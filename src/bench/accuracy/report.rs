@@ -7,6 +7,7 @@ use crate::bench::accuracy::variances::Ratio;
 use crate::bench::machine;
 use crate::error::{Error, Result};
 use crate::gpu::AdapterInfo;
+use crate::placing::replace_file;
 use crate::result::png::curves::{Curves, Panel, Quantity, write_curves};
 use std::fmt::{Display, Formatter, Write};
 use std::path::{Path, PathBuf};
@@ -111,7 +112,8 @@ impl AccuracyReport {
             texts.push(("sobol.csv", self.claims_csv()));
         }
         for (name, text) in &texts {
-            std::fs::write(dir.join(name), text).map_err(|error| Error::file(dir.join(name), error))?;
+            replace_file(&dir.join(name), text.as_bytes())
+                .map_err(|error| Error::file(dir.join(name), error))?;
         }
         for (name, chart) in &charts {
             write_curves(&dir.join(name), chart)?;
