@@ -458,3 +458,28 @@ fn a_number_that_is_set_twice_is_refused() {
     ends(&["sweep", LENS, "--set", "L1.r1=50,NaN", "-n", "1000"], USAGE, &["`NaN` is not finite"]);
     ends(&["sweep", LENS, "--set", "L1.r1=0:1:1e5", "--set", "L1.z=0:1:1e5"], USAGE, &["10000000000 points"]);
 }
+
+#[test]
+fn what_is_added_up_is_not_written_over() {
+    let place = Place::new();
+    let (scene, a, b) = (place.text("scene.json"), place.text("a"), place.text("b"));
+    for (out, first) in [(&a, "0"), (&b, "1000")] {
+        ends(&["trace", &scene, "-n", "1000", "--first-ray", first, "-o", out], 0, &[]);
+    }
+    let before = fs::read(place.path("a/tally.bin")).unwrap();
+    ends(&["merge", &a, &b, "-o", &a], USAGE, &["which is added up and would be lost"]);
+    ends(&["merge", &format!("{a}/tally.bin"), &b, "-o", &a], USAGE, &["which is added up and would be lost"]);
+    assert_eq!(fs::read(place.path("a/tally.bin")).unwrap(), before);
+    ends(&["merge", &a, &b, "-o", &place.text("c")], 0, &[]);
+}
+
+#[test]
+fn no_quantile_is_given_without_a_sample() {
+    let place = Place::new();
+    let scene = place.text("scene.json");
+    let none = ["sweep", &scene, "--tolerance", "L1.front_aperture_radius=1e6", "--samples", "3", "-n", "1000"];
+    let found = json(&ends(&[&none[..], &["--json"]].concat(), SCENE, &["3 of 3 samples"]).stdout);
+    assert!(found["quantiles"]["image"]["50%"].is_null() && found["nominal"]["index"].is_null());
+    let huge = ["sweep", &scene, "--tolerance", "L1.r1=1e308", "--samples", "3", "-n", "1000"];
+    ends(&huge, SCENE, &["L1.r1: is inf; give a finite number"]);
+}

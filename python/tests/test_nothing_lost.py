@@ -145,6 +145,39 @@ def test_a_timeout_holds_where_the_program_does_not_read() -> None:
         assert one.trace(singlet(), NUM_RAYS).num_rays_total == NUM_RAYS
 
 
+def test_a_timeout_is_a_time() -> None:
+    with session() as one:
+        for endless in (math.inf, 1e30, None):
+            assert one.trace(singlet(), NUM_RAYS, timeout=endless).num_rays_total == NUM_RAYS
+        calls: tuple[Callable[[Any], Any], ...] = (
+            lambda timeout: one.trace(singlet(), NUM_RAYS, timeout=timeout),
+            lambda timeout: one.sweep(singlet(), {"L.r1": [60.0]}, NUM_RAYS, timeout=timeout),
+            lambda timeout: nsq_gpu.diff(singlet(), singlet(), NUM_RAYS, timeout=timeout, binary=live.binary()),
+            lambda timeout: cluster.trace(singlet(), NUM_RAYS, object(), timeout=timeout))
+        for call in calls:
+            for wrong in (math.nan, -1.0, "soon"):
+                with pytest.raises(nsq_gpu.UsageError, match="timeout is .*; give a number of seconds"):
+                    call(wrong)
+
+
+def test_a_process_that_one_thread_ends_costs_no_other_trace() -> None:
+    with session() as one:
+        for _ in range(5):
+            one.trace(singlet(), NUM_RAYS)
+            one._running().end()
+            assert one.trace(singlet(), NUM_RAYS).num_rays_total == NUM_RAYS
+        child = one._running()
+        child._turn.acquire()
+        waiting: list[Any] = []
+        thread = threading.Thread(target=lambda: waiting.append(one.trace(singlet(), NUM_RAYS)))
+        thread.start()
+        time.sleep(0.3)
+        child.end()
+        child._turn.release()
+        thread.join(60.0)
+        assert waiting[0].num_rays_total == NUM_RAYS
+
+
 # One bad point
 
 
