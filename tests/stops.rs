@@ -468,7 +468,11 @@ fn what_is_added_up_is_not_written_over() {
     }
     let before = fs::read(place.path("a/tally.bin")).unwrap();
     ends(&["merge", &a, &b, "-o", &a], USAGE, &["which is added up and would be lost"]);
-    ends(&["merge", &format!("{a}/tally.bin"), &b, "-o", &a], USAGE, &["which is added up and would be lost"]);
+    ends(
+        &["merge", &format!("{a}/tally.bin"), &b, "-o", &a],
+        USAGE,
+        &["which is added up and would be lost"],
+    );
     assert_eq!(fs::read(place.path("a/tally.bin")).unwrap(), before);
     ends(&["merge", &a, &b, "-o", &place.text("c")], 0, &[]);
 }
@@ -477,7 +481,8 @@ fn what_is_added_up_is_not_written_over() {
 fn no_quantile_is_given_without_a_sample() {
     let place = Place::new();
     let scene = place.text("scene.json");
-    let none = ["sweep", &scene, "--tolerance", "L1.front_aperture_radius=1e6", "--samples", "3", "-n", "1000"];
+    let none =
+        ["sweep", &scene, "--tolerance", "L1.front_aperture_radius=1e6", "--samples", "3", "-n", "1000"];
     let found = json(&ends(&[&none[..], &["--json"]].concat(), SCENE, &["3 of 3 samples"]).stdout);
     assert!(found["quantiles"]["image"]["50%"].is_null() && found["nominal"]["index"].is_null());
     let huge = ["sweep", &scene, "--tolerance", "L1.r1=1e308", "--samples", "3", "-n", "1000"];

@@ -958,6 +958,30 @@ fn differing(a: &[u8], b: &[u8]) -> f64 {
     differ.count() as f64 / (a.len() / 4) as f64
 }
 
+/// Size, pixels and texts of a picture.
+type Image = ((u32, u32), Vec<u8>, Vec<(String, String)>);
+
+fn read_png_info(path: &Path) -> Image {
+    let mut reader = png::Decoder::new(File::open(path).unwrap()).read_info().unwrap();
+    let mut rgba = vec![0; reader.output_buffer_size()];
+    reader.next_frame(&mut rgba).unwrap();
+    let info = reader.info();
+    let texts = info.uncompressed_latin1_text.iter();
+    let texts = texts.map(|text| (text.keyword.clone(), text.text.clone())).collect();
+    ((info.width, info.height), rgba, texts)
+}
+
+/// As an editor would write it that keeps the texts.
+fn write_png_with(path: &Path, ((width, height), rgba, texts): &Image) {
+    let mut encoder = png::Encoder::new(File::create(path).unwrap(), *width, *height);
+    encoder.set_color(png::ColorType::Rgba);
+    encoder.set_depth(png::BitDepth::Eight);
+    for (keyword, text) in texts {
+        encoder.add_text_chunk(keyword.clone(), text.clone()).unwrap();
+    }
+    encoder.write_header().unwrap().write_image_data(rgba).unwrap();
+}
+
 #[test]
 fn the_command_draws_a_picture() {
     if !has_adapter("the_command_draws_a_picture") {
@@ -988,6 +1012,15 @@ fn the_command_draws_a_picture() {
         let said = String::from_utf8(output).unwrap();
         assert!(problems.iter().all(|problem| said.contains(problem)), "{said}");
     }
+    // Pixels that somebody has changed are no longer the program's.
+    let mut image = read_png_info(&file);
+    image.1[0] ^= 1;
+    write_png_with(&file, &image);
+    let before = std::fs::read(&file).unwrap();
+    view(&[&scene, "-n", "5000"]).code(2);
+    assert_eq!(std::fs::read(&file).unwrap(), before);
+    view(&[&scene, "-n", "5000", "--overwrite"]).success();
+    std::fs::remove_file(&file).unwrap();
     let traced = results("cooke_triplet", 0).display().to_string();
     let output = view(&[&traced, "--where", "reflections == 2"]).code(2).get_output().stderr.clone();
     assert!(String::from_utf8(output).unwrap().contains("--where is for traces"));

@@ -386,7 +386,7 @@ fn check_output(args: &Args, names: &[&str]) -> Result<()> {
     let Some(dir) = &args.output else { return Ok(()) };
     output::check_writable(dir)?;
     let mut there = names.iter().map(|name| dir.join(name)).filter(|path| crate::placing::exists(path));
-    there.try_for_each(|path| OutputFile::new(&path, args.overwrite, Path::new("")).map(drop))
+    there.try_for_each(|path| OutputFile::new(&path, args.overwrite, Path::new(""), |_| false).map(drop))
 }
 
 /// Measures error against time, and what Sobol points are worth.

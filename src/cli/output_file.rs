@@ -17,19 +17,26 @@ pub(crate) struct OutputFile {
 }
 
 impl OutputFile {
-    /// Looks at the place of a file. `scene` is the scene file that the command reads. An empty file may always be
-    /// replaced: `mktemp` makes one, and nothing in it could be lost.
+    /// Looks at the place of a file. `scene` is the scene file that the command reads. `is_own` is true of a file as this
+    /// program wrote it. Such a file may be replaced, and so may an empty one: `mktemp` makes one, and nothing is lost.
     ///
     /// # Errors
     /// [`Error::File`] with the place, if nothing can be written there, or something would be lost.
-    pub(crate) fn new(path: &Path, overwrite: bool, scene: &Path) -> Result<Self> {
+    pub(crate) fn new(
+        path: &Path,
+        overwrite: bool,
+        scene: &Path,
+        is_own: impl FnOnce(&Path) -> bool,
+    ) -> Result<Self> {
         let refused = |problem: &str| Err(Error::file(path, problem));
         let found = match path.symlink_metadata() {
             Ok(found) => Some(found),
             Err(error) if error.kind() == io::ErrorKind::NotFound => None,
             Err(error) => return Err(Error::file(path, error)),
         };
-        let is_empty = found.as_ref().is_some_and(|found| found.is_file() && found.len() == 0);
+        let is_file = found.as_ref().is_some_and(|found| found.is_file());
+        let is_empty = found.as_ref().is_some_and(|found| found.len() == 0);
+        let may_replace = is_file && (overwrite || is_empty || is_own(path));
         match &found {
             None if path.file_name().is_none() => return refused("is no name of a file; give one"),
             None => {}
@@ -41,13 +48,13 @@ impl OutputFile {
             Some(_) if is_input(path, scene) => {
                 return refused("is read by this command, and would be lost; give another name");
             }
-            Some(_) if !overwrite && !is_empty => {
+            Some(_) if !may_replace => {
                 return refused("exists; --overwrite replaces it, or give another name");
             }
             Some(_) => {}
         }
         placing::check_folder_of(path).map_err(|error| Error::file(path, error))?;
-        Ok(OutputFile { path: path.into(), may_replace: overwrite || is_empty })
+        Ok(OutputFile { path: path.into(), may_replace })
     }
 
     /// Writes the file.
@@ -102,7 +109,8 @@ mod tests {
         }
         fs::write(path("empty.csv"), "").unwrap();
         fs::create_dir(path("folder")).unwrap();
-        let open = |name: &str, overwrite| OutputFile::new(&path(name), overwrite, &path("scene.json"));
+        let open =
+            |name: &str, overwrite| OutputFile::new(&path(name), overwrite, &path("scene.json"), |_| false);
         let always = ["scene.json", "part.stl", "folder", "missing/new.csv"];
         #[cfg(unix)]
         {
@@ -138,7 +146,7 @@ mod tests {
         let path = folder.path().join("points.csv");
         fs::write(&path, "old").unwrap();
         fs::set_permissions(&path, fs::Permissions::from_mode(0o600)).unwrap();
-        OutputFile::new(&path, true, Path::new("")).unwrap().write(b"new").unwrap();
+        OutputFile::new(&path, true, Path::new(""), |_| false).unwrap().write(b"new").unwrap();
         assert_eq!(path.metadata().unwrap().permissions().mode() & 0o777, 0o600);
     }
 }

@@ -53,8 +53,8 @@ pub struct Args {
     /// Open the table of paths, and show the light of the row of this rank.
     #[arg(long = "path", id = "rank", value_name = "RANK", value_parser = clap::value_parser!(u32).range(1..))]
     path_rank: Option<u32>,
-    /// Draw the window into a PNG file once everything is traced; no display is needed. A file that exists is kept, and
-    /// refused before the first ray.
+    /// Draw the window into a PNG file once everything is traced; no display is needed. A picture that
+    /// was drawn so before is replaced. Any other file is kept, and refused before the first ray.
     #[arg(long, value_name = "FILE", value_parser = parse_picture)]
     screenshot: Option<PathBuf>,
     /// Let --screenshot replace a file that exists.
@@ -115,7 +115,7 @@ fn parse_pixels_per_point(text: &str) -> std::result::Result<f32, String> {
 /// Opens the window, or draws it into a file. Nothing goes to stdout.
 pub fn run(args: &Args) -> Result<String> {
     if let Some(path) = &args.screenshot {
-        let file = OutputFile::new(path, args.overwrite, &args.path)?;
+        let file = OutputFile::new(path, args.overwrite, &args.path, screenshot::is_own)?;
         let stop = stop_on_interrupt()?;
         // The picture does not depend on what the user chose in the window before.
         let settings = Settings { dark: !args.light, ..Settings::default() };

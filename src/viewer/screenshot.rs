@@ -2,9 +2,12 @@
 
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu};
+use crate::result::integrity::hex;
 use crate::viewer::app::App;
 use eframe::egui::{self, Pos2, Rect, ViewportId, vec2};
 use eframe::egui_wgpu::{Renderer, RendererOptions, ScreenDescriptor};
+use sha2::{Digest, Sha256};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -62,13 +65,43 @@ impl Picture {
         encoder.set_color(png::ColorType::Rgba);
         encoder.set_depth(png::BitDepth::Eight);
         encoder.set_compression(png::Compression::Best);
-        let written = encoder.write_header().and_then(|mut writer| {
-            writer.write_image_data(&self.rgba)?;
-            writer.finish()
-        });
+        let written = encoder
+            .add_text_chunk("Software".into(), env!("CARGO_PKG_NAME").into())
+            .and_then(|()| encoder.add_text_chunk(HASH.into(), hash(&self.rgba)))
+            .and_then(|()| encoder.write_header())
+            .and_then(|mut writer| {
+                writer.write_image_data(&self.rgba)?;
+                writer.finish()
+            });
         written.map_err(|error| Error::Internal(format!("encoding the picture: {error}")))?;
         Ok(bytes)
     }
+}
+
+/// True of a picture as [`Picture::to_png`] wrote it: nobody has changed its pixels since.
+pub fn is_own(path: &Path) -> bool {
+    let Ok(file) = std::fs::File::open(path) else { return false };
+    let Ok(mut reader) = png::Decoder::new(std::io::BufReader::new(file)).read_info() else { return false };
+    let info = reader.info();
+    let texts = info.uncompressed_latin1_text.iter();
+    let Some(hash_then) = texts.filter(|text| text.keyword == HASH).map(|text| text.text.clone()).next()
+    else {
+        return false;
+    };
+    if info.width.max(info.height) > MOST_PIXELS {
+        return false;
+    }
+    let mut rgba = vec![0; reader.output_buffer_size()];
+    reader.next_frame(&mut rgba).is_ok() && hash(&rgba) == hash_then
+}
+
+/// Most pixels of a side of a picture: 8192 points of 4 pixels.
+const MOST_PIXELS: u32 = 1 << 15;
+/// The keyword of the hash of a picture's pixels.
+const HASH: &str = "SHA-256";
+
+fn hash(rgba: &[u8]) -> String {
+    hex(&Sha256::digest(rgba))
 }
 
 /// The texture in which frames are drawn.

@@ -103,7 +103,7 @@ pub fn run(args: &Args) -> Result<String> {
         false => combinations(&args.set, args.zip)?,
         true => samples(&text, &args.tolerance, args.distribution, args.trace.seed, args.samples)?,
     };
-    let new_file = |path: &PathBuf| OutputFile::new(path, args.overwrite, &args.scene);
+    let new_file = |path: &PathBuf| OutputFile::new(path, args.overwrite, &args.scene, |_| false);
     let file = args.output.as_ref().map(new_file).transpose()?;
     let stop = stop_on_interrupt()?;
     let choice = AdapterChoice { name: args.adapter.clone(), native: Native::Allowed, ..Default::default() };
