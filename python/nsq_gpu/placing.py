@@ -5,6 +5,7 @@ The command's twin is ``src/cli/output_file.rs``.
 
 from __future__ import annotations
 
+import hashlib
 import os
 import secrets
 import stat
@@ -27,7 +28,8 @@ def check(path: str | os.PathLike[str], overwrite: bool = False) -> None:
 def write(path: str | os.PathLike[str], text: str, overwrite: bool = False) -> None:
     """Write a text file in one step. An existing file stays whole until then, and for good if something fails.
 
-    A file that holds this very text already is left alone.
+    A file that holds this very text already is left alone. One that this process wrote, and nobody has changed since, is
+    replaced.
 
     Raises:
         UsageError: The place is taken; the message says by what.
@@ -48,6 +50,7 @@ def write(path: str | os.PathLike[str], text: str, overwrite: bool = False) -> N
             os.replace(new, path)
         else:
             _rename_to_new(new, path)
+        _written[os.path.abspath(path)] = hashlib.sha256(data).digest()
     finally:
         new.unlink(missing_ok=True)
 
@@ -65,9 +68,19 @@ def _may_replace(path: Path, overwrite: bool) -> bool:
         raise UsageError(f"{path}: is a link, and links are not written through; give another name")
     if not stat.S_ISREG(mode):
         raise UsageError(f"{path}: is a pipe or a device; give another name")
-    if found.st_size and not overwrite:
+    if found.st_size and not overwrite and not _is_own(path):
         raise UsageError(f"{path}: exists; overwrite=True (--overwrite) replaces it, or give another name")
     return True
+
+
+#: Hashes of the files that this process wrote, by their paths.
+_written: dict[str, bytes] = {}
+
+
+def _is_own(path: Path) -> bool:
+    """Tell whether a file is as this process wrote it."""
+    known = _written.get(os.path.abspath(path))
+    return known is not None and hashlib.sha256(path.read_bytes()).digest() == known
 
 
 def _rename_to_new(new: Path, path: Path) -> None:

@@ -82,7 +82,7 @@ class Sweep:
         """Write a row a point. A number that is not known is an empty cell; a last column says why a point has none.
 
         Args:
-            path: The file. A file that exists already is kept.
+            path: The file. A file that exists already is kept, unless this process wrote it.
             overwrite: True replaces a file that exists.
         """
         has_problems = self.partial or bool(self.refused)
@@ -102,7 +102,7 @@ class Sweep:
         """Write the points as ``nsq-gpu sweep -o FILE.json`` writes them, but for seeds.
 
         Args:
-            path: The file. A file that exists already is kept.
+            path: The file. A file that exists already is kept, unless this process wrote it.
             overwrite: True replaces a file that exists.
         """
         def entry(index: int, place: tuple[int, ...], numbers: dict[str, float]) -> Json:

@@ -318,6 +318,13 @@ def test_no_file_is_written_over_that_is_not_meant(tmp_path: Path) -> None:
         first = place.read_text()
         write(place)
         assert place.read_text() == first, "the same text is no loss"
+        place.write_text("changed")
+        with pytest.raises(nsq_gpu.UsageError, match="exists; overwrite=True"):
+            write(place)
+        write(place, overwrite=True)
+        if name == "scene.json":
+            export_scene(singlet(61.0), place)
+            assert place.read_text() != first, "what this process wrote it may replace"
         mine.chmod(0o600)
         write(mine, overwrite=True)
         assert mine.read_text() == first and stat.S_IMODE(mine.stat().st_mode) == 0o600

@@ -43,7 +43,7 @@ def export_scene(scene: NSQScene, path: str | os.PathLike[str], *, overwrite: bo
 
     Args:
         scene: The live scene.
-        path: The file. A file that exists already is kept; one with the same text is fine.
+        path: The file. A file that exists already is kept, unless this process wrote it, or its text is the same.
         overwrite: True replaces a file that exists.
 
     Raises:
