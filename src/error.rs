@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::format::plain;
+use crate::format::path_text;
 
 /// Everything that can go wrong between a scene file and its results.
 ///
@@ -32,7 +32,7 @@ pub enum Error {
     #[error("{0}")]
     Tolerance(String),
     /// A file could not be read or written.
-    #[error("{}: {problem}", plain(&path.display().to_string()))]
+    #[error("{}: {problem}", path_text(path))]
     File {
         /// The file or folder.
         path: PathBuf,

@@ -1,5 +1,7 @@
 //! Numbers and names for people.
 
+use std::path::Path;
+
 /// True for a character that moves a terminal's cursor, breaks a line, or turns the order in which text is read.
 fn is_active(c: char) -> bool {
     c.is_control()
@@ -20,6 +22,11 @@ pub(crate) fn shown(name: &str) -> String {
 /// Text on one line, whose active characters are escaped.
 pub(crate) fn plain(text: &str) -> String {
     escaped(text, &[])
+}
+
+/// A path on one line, whose active characters are escaped.
+pub(crate) fn path_text(path: &Path) -> String {
+    plain(&path.display().to_string())
 }
 
 /// Text as it goes to a terminal: active characters are escaped, but for the ends of lines and tabs.

@@ -1,23 +1,16 @@
 //! `nsq-gpu compare`: results that differ by chance agree, others do not.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
 
+mod command;
+
+use command::{run, stderr};
 use nsq_gpu::TraceResult;
 use nsq_gpu::result::DetectorData;
 use nsq_gpu::result::comparison::compare;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
 
 const TOLERANCE: i32 = 6;
-
-fn run(arguments: &[&str]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_nsq-gpu"));
-    command.args(arguments).current_dir(env!("CARGO_MANIFEST_DIR")).output().unwrap()
-}
-
-fn stderr(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
 
 fn has_adapter(test: &str) -> bool {
     let found = !nsq_gpu::gpu::list_adapters().is_empty();

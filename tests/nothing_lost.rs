@@ -5,6 +5,9 @@
     reason = "clippy's exemption of tests does not reach their helpers"
 )]
 
+mod command;
+
+use command::{command, run, stderr};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader};
@@ -14,20 +17,6 @@ use std::time::Duration;
 
 const TOLERANCE: i32 = 6;
 const USAGE: i32 = 2;
-
-fn command(arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_nsq-gpu"));
-    command.args(arguments).current_dir(env!("CARGO_MANIFEST_DIR"));
-    command
-}
-
-fn run(arguments: &[&str]) -> Output {
-    command(arguments).output().unwrap()
-}
-
-fn stderr(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
 
 fn trace<'a>(scene: &'a str, more: &[&'a str]) -> Vec<&'a str> {
     [&["trace", scene, "--precision", "f32", "--standard-error", "on", "--json"], more].concat()

@@ -7,6 +7,9 @@
     reason = "clippy's exemption of tests does not reach their helpers"
 )]
 
+mod command;
+
+use command::{command, run, stderr};
 use serde_json::Value;
 use std::fs;
 use std::os::unix::fs::{PermissionsExt, symlink};
@@ -20,20 +23,6 @@ const SCENE: i32 = 3;
 const INTERRUPTED: i32 = 130;
 /// More rays than any test waits for.
 const FOREVER: &str = "1e13";
-
-fn command(arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_nsq-gpu"));
-    command.args(arguments).current_dir(env!("CARGO_MANIFEST_DIR"));
-    command
-}
-
-fn run(arguments: &[&str]) -> Output {
-    command(arguments).output().unwrap()
-}
-
-fn stderr(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
 
 fn json(bytes: &[u8]) -> Value {
     serde_json::from_slice(bytes)
@@ -49,7 +38,7 @@ fn ends(arguments: &[&str], code: i32, words: &[&str]) -> Output {
     output
 }
 
-/// A folder for files of one test, with a copy of the scene and a mesh that the scene names.
+/// A folder for files of one test, with a copy of the scene.
 struct Place(tempfile::TempDir);
 
 impl Place {
@@ -81,8 +70,6 @@ fn no_output_takes_the_place_of_what_is_there() {
     let place = Place::new();
     let scene = place.text("scene.json");
     let text = fs::read_to_string(place.path("scene.json")).unwrap();
-    let with_mesh = text.replacen('{', "{\n\"nsq_gpu\": {\"version\": 1, \"surfaces\": []},", 1);
-    assert!(with_mesh != text);
     for name in ["mine.csv", "mine.png"] {
         fs::write(place.path(name), "mine").unwrap();
     }

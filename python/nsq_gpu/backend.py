@@ -18,7 +18,6 @@ from optiland.nonsequential.tracer import SimulationResult
 from nsq_gpu.binary import find_binary
 from nsq_gpu.errors import (
     TOLERANCE_NOT_MET,
-    Interrupted,
     NsqGpuError,
     ResultWarning,
     SceneError,
@@ -26,6 +25,7 @@ from nsq_gpu.errors import (
     UsageError,
     error_of,
     warn,
+    with_partial,
 )
 from nsq_gpu.export import ExportedScene, export, export_wanted, to_json
 from nsq_gpu.export.values import all_want_gradients, whole_number
@@ -154,24 +154,19 @@ class NsqGpuBackend(TracerBackend):
             folder = Path(name)
             has_result = (folder / "out" / "report.json").exists
 
-            def result_of(not_met: str | None) -> SimulationResult:
+            def result_of(not_met: str | None, partial: bool) -> SimulationResult:
                 self.report = read_report(folder / "out")
                 warn_of(self.report, not_met)
                 load = in_folder(folder / "out", self.report)
-                return fill_scene(scene, self.report, load, exported.surface_labels, bool(record_paths))
+                return fill_scene(scene, self.report, load, exported.surface_labels, bool(record_paths), partial=partial)
 
             try:
                 not_met = self._run(binary, exported, options, folder)
-            except TraceTimeoutError as error:
-                error.partial = _marked(result_of(None)) if has_result() else None
-                raise
-            except KeyboardInterrupt as stop:
-                if not has_result():
-                    raise
-                raise Interrupted(_marked(result_of(None))) from stop
+            except (KeyboardInterrupt, TraceTimeoutError) as stop:
+                raise with_partial(stop, result_of(None, partial=True) if has_result() else None)
             if not has_result():
                 raise NsqGpuError(f"{binary} ended without an error, and without a result: is it nsq-gpu?")
-            return result_of(not_met)
+            return result_of(not_met, partial=False)
 
     def _differentiates(self) -> bool:
         """Tell whether tensors of the scene are to get gradients."""
@@ -221,8 +216,8 @@ class NsqGpuBackend(TracerBackend):
             warn_of(answer.report, answer.missed_target)
             # The gradient would be of all rays.
             attach = self._attach(session, text, scene, exported, options) if carries_graph and not partial else None
-            result = fill_scene(scene, answer.report, answer.arrays, exported.surface_labels, "record_paths" in options, attach)
-            return _marked(result) if partial else result
+            return fill_scene(scene, answer.report, answer.arrays, exported.surface_labels, "record_paths" in options, attach,
+                              partial)
 
         with Shown(self.progress) as shown:
             show = (lambda said: shown.show(Update(said))) if self.progress else None
@@ -280,12 +275,6 @@ class NsqGpuBackend(TracerBackend):
             # The file is ours, and gone when the message is read.
             raise SceneError(str(error).replace(f"{scene_file}: ", "the exported scene: "), stderr=error.stderr) from None
         return str(error_of(code, said.splitlines()[-1])) if code == TOLERANCE_NOT_MET else None
-
-
-def _marked(result: SimulationResult) -> SimulationResult:
-    """Return a result of the rays that a stopped trace has traced, marked as such."""
-    result.partial = True
-    return result
 
 
 def _go_with_gradients(options: dict[str, Any]) -> bool:

@@ -28,7 +28,7 @@ from optiland.nonsequential import NSQScene
 from optiland.nonsequential.tracer import SimulationResult
 
 from nsq_gpu.binary import find_binary
-from nsq_gpu.errors import Interrupted, NsqGpuError, SceneError, TraceTimeoutError, UsageError
+from nsq_gpu.errors import NsqGpuError, SceneError, TraceTimeoutError, UsageError, with_partial
 from nsq_gpu.export import export, to_json
 from nsq_gpu.integrity import read_report
 from nsq_gpu.process import ProgressCallback, Shown, Update, run, seconds
@@ -145,11 +145,8 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
             missed = target is not None and not partial and (reached is None or reached > target)
             told = f"nsq-gpu: the relative error is {reached}, above the target of {target}; give more rays"
             warn_of(report, told if missed else None)
-            result = fill_scene(scene, report, in_folder(folder / "out", report), exported.surface_labels,
-                                report["ray_paths"] is not None)
-            if partial:
-                result.partial = True
-            return result
+            return fill_scene(scene, report, in_folder(folder / "out", report), exported.surface_labels,
+                              report["ray_paths"] is not None, partial=partial)
 
         try:
             with _client(client, deadline) as used, Shown(progress) as shown:
@@ -173,13 +170,7 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
                             break
             return filled(partial=False)
         except (KeyboardInterrupt, NsqGpuError) as stop:
-            if not tallies:
-                raise
-            partial = filled(partial=True)
-            if isinstance(stop, KeyboardInterrupt):
-                raise Interrupted(partial) from stop
-            stop.partial = partial
-            raise
+            raise with_partial(stop, filled(partial=True) if tallies else None)
 
 
 def sweep(scene: NSQScene, numbers: Mapping[str, Sequence[float]], num_rays: int, client: Any = None, *, zip: bool = False,

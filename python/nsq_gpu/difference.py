@@ -14,7 +14,7 @@ import numpy as np
 from optiland.nonsequential import NSQScene
 
 from nsq_gpu.binary import find_binary
-from nsq_gpu.errors import Interrupted, NsqGpuError, NsqGpuWarning, SceneError, TraceTimeoutError, warn
+from nsq_gpu.errors import NsqGpuError, NsqGpuWarning, SceneError, TraceTimeoutError, warn, with_partial
 from nsq_gpu.export import export, to_json
 from nsq_gpu.process import ProgressCallback, Shown, run
 from nsq_gpu.session import numbers_of_rays
@@ -115,7 +115,8 @@ def diff(a: NSQScene | str | os.PathLike[str], b: NSQScene | str | os.PathLike[s
         folder = Path(name)
         files = [_file(scene, folder, side) for side, scene in (("A", a), ("B", b))]
         numbers = {name.replace("_", "-"): value for name, value in numbers_of_rays(num_rays, seed, max_depth).items()}
-        options = {**numbers, "precision": precision, "sampler": sampler, "where": where, "adapter": adapter, "progress": "json" if progress else "never"}
+        options = {**numbers, "precision": precision, "sampler": sampler, "where": where, "adapter": adapter,
+                   "progress": "json" if progress else "never"}
         command = [program, "diff", *files, *(f"--{key}={value}" for key, value in options.items() if value is not None),
                    f"--output={folder / 'out'}", "--no-pictures", "--watch-stdin"]
         try:
@@ -126,14 +127,8 @@ def diff(a: NSQScene | str | os.PathLike[str], b: NSQScene | str | os.PathLike[s
             for side in "AB":
                 said = said.replace(f"{folder / side}.json: ", f"the exported scene {side}: ")
             raise SceneError(said, stderr=error.stderr) from None
-        except TraceTimeoutError as error:
-            error.partial = _read(folder / "out")
-            raise
-        except KeyboardInterrupt as stop:
-            partial = _read(folder / "out")
-            if partial is None:
-                raise
-            raise Interrupted(partial) from stop
+        except (KeyboardInterrupt, TraceTimeoutError) as stop:
+            raise with_partial(stop, _read(folder / "out"))
         found = _read(folder / "out")
     if found is None:
         raise NsqGpuError(f"{program} ended without an error, and without a result: is it nsq-gpu?")

@@ -88,6 +88,14 @@ class Interrupted(KeyboardInterrupt):
         self.partial = partial
 
 
+def with_partial(stop: BaseException, partial: Any) -> BaseException:
+    """Return the exception of a stop or an error, with what was computed before; None where nothing was."""
+    if isinstance(stop, KeyboardInterrupt):
+        return stop if partial is None else Interrupted(partial)
+    stop.partial = partial  # type: ignore[attr-defined]
+    return stop
+
+
 class BinaryNotFoundError(NsqGpuError, FileNotFoundError):
     """The program ``nsq-gpu`` is not where it was looked for."""
 

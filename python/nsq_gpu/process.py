@@ -33,14 +33,11 @@ class Update:
         #: The largest relative standard error; None as long as it is not known.
         self.relative_error: float | None = said.get("relative_error")
 
+
 #: Longest time between two looks at the clock, and so at Ctrl-C on systems where a wait hides it [s].
-_TICK = 0.1
-
-
-#: How long a command that was stopped may take to write what it has [s]. A second Ctrl-C ends it at once.
-_GRACE = 60.0
-
-
+TICK = 0.1
+#: How long a program that has heard of a stop may take to hand over what it has [s]. A second Ctrl-C ends the wait.
+LONG_GRACE = 60.0
 #: Why nothing is traced when Python ends: threads that would listen no longer run.
 ENDING = "Python is ending, and traces nothing any more; trace before the end of the script"
 
@@ -114,7 +111,7 @@ def _stop(child: subprocess.Popen[str]) -> None:
     """
     child.send_signal(signal.SIGTERM)
     try:
-        child.wait(_GRACE)
+        child.wait(LONG_GRACE)
     except subprocess.TimeoutExpired:
         pass
 
@@ -154,7 +151,7 @@ def _listen(child: subprocess.Popen[str], timeout: float | None, progress: Shown
         if deadline is not None and time.monotonic() > deadline:
             raise TraceTimeoutError(f"the trace took longer than timeout = {timeout:g} s and was ended")
         try:
-            line = lines.get(timeout=_TICK)
+            line = lines.get(timeout=TICK)
         except queue.Empty:
             continue
         if line is None:

@@ -20,7 +20,15 @@ from optiland.nonsequential.diagnostics import Diagnostics, build_diagnostics
 from optiland.nonsequential.path_recording import _EVENT_DTYPE
 from optiland.nonsequential.tracer import SimulationResult
 
-from nsq_gpu.errors import NsqGpuError, NsqGpuWarning, ResultWarning, ToleranceWarning, UnsupportedSceneError, wants_gradient, warn
+from nsq_gpu.errors import (
+    NsqGpuError,
+    NsqGpuWarning,
+    ResultWarning,
+    ToleranceWarning,
+    UnsupportedSceneError,
+    wants_gradient,
+    warn,
+)
 from nsq_gpu.integrity import load_arrays
 from nsq_gpu.paths import path_table
 
@@ -98,10 +106,12 @@ def in_folder(folder: Path, report: Json) -> Load:
 
 
 def fill_scene(scene: NSQScene, report: Json, load: Load, surface_labels: list[str],
-               records_paths: bool = False, attach: Callable[[], None] | None = None) -> SimulationResult:
+               records_paths: bool = False, attach: Callable[[], None] | None = None,
+               partial: bool = False) -> SimulationResult:
     """Put a trace into the live scene, as a trace of Optiland's leaves it, and return its result.
 
-    ``attach`` is called when the live detectors hold their maps, and may put these on a graph.
+    ``attach`` is called when the live detectors hold their maps, and may put these on a graph. ``partial`` marks the result
+    of a trace that was stopped.
     """
     _check_names(report, surface_labels, scene.detector_names)
     _fill_absorbers(scene, report)
@@ -120,8 +130,7 @@ def fill_scene(scene: NSQScene, report: Json, load: Load, surface_labels: list[s
         diagnostics=_diagnostics(scene, report, detectors),
     )
     _add_paths(result, report)
-    # True where a stop ended the trace: the caller knows.
-    result.partial = False
+    result.partial = partial
     return result
 
 

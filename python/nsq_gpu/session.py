@@ -20,10 +20,10 @@ from optiland.nonsequential import NSQScene
 from optiland.nonsequential.tracer import SimulationResult
 
 from nsq_gpu.binary import find_binary
-from nsq_gpu.errors import Interrupted, NsqGpuError, SceneError, TraceTimeoutError, UsageError, error_of
+from nsq_gpu.errors import Interrupted, NsqGpuError, SceneError, TraceTimeoutError, UsageError, error_of, with_partial
 from nsq_gpu.export import export, to_json
 from nsq_gpu.export.values import whole_number
-from nsq_gpu.process import ENDING, check_not_ending, seconds
+from nsq_gpu.process import ENDING, LONG_GRACE, TICK, check_not_ending, seconds
 from nsq_gpu.results import check_paths, fill_scene, warn_of
 from nsq_gpu.sweeps import Point, Sweep, run
 
@@ -36,12 +36,8 @@ PROTOCOL = 1
 EXPORTED = "the exported scene"
 #: Bytes of the header, and of all arrays.
 _FRAME = struct.Struct("<IQ")
-#: Longest time between two looks at the clock, and so at Ctrl-C on systems where a wait hides it [s].
-_TICK = 0.1
 #: How long a trace that was stopped may take to say so before its process is ended [s].
 _GRACE = 3.0
-#: How long it may take to send what it has, once it has heard of the stop [s]. A second Ctrl-C ends the wait.
-_LONG_GRACE = 60.0
 #: A message: a header, and bytes of arrays.
 _Message = tuple[Json, bytearray]
 
@@ -153,10 +149,7 @@ class Session:
 
         def result_of(answer: Answer, partial: bool) -> SimulationResult:
             warn_of(answer.report, answer.missed_target)
-            result = fill_scene(scene, answer.report, answer.arrays, exported.surface_labels, records_paths)
-            if partial:
-                result.partial = True
-            return result
+            return fill_scene(scene, answer.report, answer.arrays, exported.surface_labels, records_paths, partial=partial)
 
         return self.kept(text, named, result_of, timeout=timeout, name=EXPORTED)
 
@@ -427,7 +420,7 @@ class _Child:
                 if deadline is not None and time.monotonic() > deadline:
                     raise TraceTimeoutError(f"the trace took longer than timeout = {timeout:g} s and was ended")
                 try:
-                    answer = answers.get(timeout=_TICK)
+                    answer = answers.get(timeout=TICK)
                 except queue.Empty:
                     # The process may have ended before the request was known to the reader.
                     if self.is_alive() or not answers.empty():
@@ -448,10 +441,8 @@ class _Child:
                 raise
             is_kept = keeps and isinstance(error, KeyboardInterrupt | TraceTimeoutError)
             partial = self._stop(number, answers, is_kept)
-            if isinstance(error, TraceTimeoutError):
-                error.partial = partial
-            elif partial is not None:
-                raise Interrupted(partial) from error
+            if is_kept:
+                raise with_partial(error, partial)
             raise
         finally:
             self._waiting.pop(number, None)
@@ -498,7 +489,7 @@ class _Child:
                 return None
             if answer[0]["reply"] == "progress" and keeps and not is_heard:
                 # Maps and rows of a long trace take a while to come.
-                deadline, is_heard = time.monotonic() + _LONG_GRACE, True
+                deadline, is_heard = time.monotonic() + LONG_GRACE, True
             if answer[0]["reply"] != "progress":
                 return answer if keeps and answer[0]["reply"] == "result" else None
         self.end()

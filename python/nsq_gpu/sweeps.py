@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from nsq_gpu import placing
-from nsq_gpu.errors import Interrupted, NsqGpuError, NsqGpuWarning, SceneError, UsageError, warn
+from nsq_gpu.errors import NsqGpuError, NsqGpuWarning, SceneError, UsageError, warn, with_partial
 from nsq_gpu.paths import path_table
 
 Json = dict[str, Any]
@@ -190,13 +190,8 @@ def run(trace_all: Callable[[list[Point]], Iterable[Any]], numbers: Mapping[str,
             first = first or type(answer)(f"{label}: {problem}", answer.exit_code, answer.stderr)
             found.refused[place] = problem
             problems.append(f"{label} is left out: {problem}")
-    except KeyboardInterrupt as stop:
-        if not found.num_rays.any():
-            raise
-        raise Interrupted(dataclasses.replace(found, partial=True)) from stop
-    except NsqGpuError as error:
-        error.partial = dataclasses.replace(found, partial=True) if found.num_rays.any() else None
-        raise
+    except (KeyboardInterrupt, NsqGpuError) as stop:
+        raise with_partial(stop, dataclasses.replace(found, partial=True) if found.num_rays.any() else None)
     if first is not None and len(found.refused) == len(points):
         raise first
     if problems:
@@ -246,7 +241,9 @@ def _values(name: str, given: Any) -> np.ndarray:
 
     try:
         values = plain(given)
-        values = np.asarray(values if isinstance(values, np.ndarray) or np.isscalar(values) else list(map(plain, values)), dtype=float)
+        if not isinstance(values, np.ndarray) and not np.isscalar(values):
+            values = list(map(plain, values))
+        values = np.asarray(values, dtype=float)
     except (TypeError, ValueError) as error:
         raise UsageError(f"{name}: {given!r} are no numbers; give a list of numbers") from error
     if values.ndim > 1:

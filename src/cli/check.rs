@@ -1,7 +1,7 @@
 //! `nsq-gpu check`: finds, without tracing, everything that `trace` would refuse.
 
 use crate::error::Result;
-use crate::format::{plain, shown};
+use crate::format::{path_text, shown};
 use std::fmt::Write;
 use std::path::PathBuf;
 
@@ -16,7 +16,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<String> {
     let scene = crate::cli::console::read_scene(&args.scene)?;
     let ir = scene.lower()?;
-    let mut text = format!("{} can be traced.\n", plain(&args.scene.display().to_string()));
+    let mut text = format!("{} can be traced.\n", path_text(&args.scene));
     let mut list = |title: &str, names: Vec<String>| {
         let _ = writeln!(text, "  {title} ({}): {}", names.len(), names.join(", "));
     };

@@ -1,7 +1,7 @@
 //! What commands share: reading a scene, messages on stderr, printing the result.
 
 use crate::error::{Error, Result};
-use crate::format::{for_terminal, plain};
+use crate::format::{for_terminal, path_text};
 use crate::model::SceneIr;
 use crate::scene::Scene;
 #[cfg(feature = "software")]
@@ -11,7 +11,7 @@ use std::path::Path;
 
 /// Reads a scene. An error about its contents begins with the file's name, because a script may trace many files.
 pub(crate) fn read_scene(path: &Path) -> Result<Scene> {
-    Scene::from_path(path).map_err(|error| named(error, &plain(&path.display().to_string())))
+    Scene::from_path(path).map_err(|error| named(error, &path_text(path)))
 }
 
 /// An error about a scene's contents, with the scene's name before the place.
@@ -24,7 +24,8 @@ pub(crate) fn named(error: Error, name: &str) -> Error {
     }
 }
 
-/// Prints the result, which may hold names and paths of any kind, fit for a terminal. A closed pipe (`nsq-gpu ... | head`) is no error.
+/// Prints the result, which may hold names and paths of any kind, fit for a terminal. A closed pipe (`nsq-gpu ... | head`)
+/// is no error.
 pub(crate) fn print(text: &str) -> Result<()> {
     let mut stdout = std::io::stdout().lock();
     let written = stdout.write_all(for_terminal(text).as_bytes()).and_then(|()| stdout.flush());
@@ -32,6 +33,13 @@ pub(crate) fn print(text: &str) -> Result<()> {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(Error::file("stdout", error)),
         _ => Ok(()),
     }
+}
+
+/// The text for stdout; printed already where the command fails all the same.
+pub(crate) fn ended(printed: String, failure: Option<Error>) -> Result<String> {
+    let Some(failure) = failure else { return Ok(printed) };
+    print(&printed)?;
+    Err(failure)
 }
 
 /// Writes a message to stderr, fit for a terminal; it is no part of the result. Without stderr, it cannot be told.

@@ -1,6 +1,6 @@
 //! `nsq-gpu diff`: what a change does, with standard errors of its own.
 
-use crate::cli::console::{choose_vectors, named, read_scene, say};
+use crate::cli::console::{choose_vectors, ended, named, read_scene, say};
 use crate::cli::progress::{Mode, Progress, Status};
 use crate::cli::stops::{end_with_caller, stop_on_interrupt};
 use crate::cli::sweep::parse_number;
@@ -159,7 +159,5 @@ pub fn run(args: &Args) -> Result<String> {
         }
         Err(error) => Some(error),
     };
-    let Some(failure) = failure else { return Ok(printed) };
-    crate::cli::console::print(&printed)?;
-    Err(failure)
+    ended(printed, failure)
 }

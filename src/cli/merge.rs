@@ -3,7 +3,7 @@
 use crate::cli::console::{read_scene, say};
 use crate::cli::trace::Printed;
 use crate::error::{Error, Result};
-use crate::format::plain;
+use crate::format::path_text;
 use crate::model::{Precision, SceneIr};
 use crate::result::{PathTally, RaySet, RunInfo, Tally, TraceResult, output};
 use crate::scene::Scene;
@@ -48,7 +48,7 @@ pub fn run(args: &Args) -> Result<String> {
     if crate::trace::checkpoint::scene_hash(&ir) != parts[0].identity.scene_hash {
         return Err(Error::Usage(format!(
             "the scene in {} is not, or no longer, the one that {} was traced of; name that one by --scene",
-            plain(&path.display().to_string()),
+            path_text(&path),
             args.results[0].display()
         )));
     }

@@ -1,6 +1,6 @@
 //! `nsq-gpu paths`: which paths light took, the strongest first.
 
-use crate::cli::console::{choose_vectors, read_scene, say};
+use crate::cli::console::{choose_vectors, ended, read_scene, say};
 use crate::cli::progress::{Mode, Progress, Status};
 use crate::cli::stops::stop_on_interrupt;
 use crate::cli::trace_args::{PrecisionArg, SamplerArg, TraceArgs};
@@ -163,7 +163,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     let mut shown = Progress::new(args.progress, tracer.num_rays());
     let mut stopped_by = None;
     let trace_start = Instant::now();
-    let tally = tracer.go_on(begun, |progress| {
+    let tally = tracer.go_on_checked(begun, |progress| {
         stopped_by = stopping.after_pass(&ir, progress)?;
         if stop.load(Ordering::Relaxed) {
             stopped_by = Some(StoppedBy::Interrupt);
@@ -224,9 +224,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
             result.header() + "\n" + &traced.table.text(top) + "\n" + &result.warning_list()
         }
     };
-    let Some(failure) = failure else { return Ok(printed) };
-    crate::cli::console::print(&printed)?;
-    Err(failure)
+    ended(printed, failure)
 }
 
 /// The maps of rows, as detectors that are named by the rows' ranks.

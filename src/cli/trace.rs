@@ -1,6 +1,6 @@
 //! `nsq-gpu trace`: traces a scene to maps, ledger and report.
 
-use crate::cli::console::{named, read_scene, say};
+use crate::cli::console::{ended, named, read_scene, say};
 use crate::cli::progress::{Mode, Progress, Status};
 use crate::cli::quantity;
 use crate::cli::stops::{end_with_caller, stop_on_interrupt};
@@ -157,8 +157,11 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         let identity = Identity::new(&ir, Some(args.scene.display().to_string()), &options, &gpu.info);
         let identity = if keeps_rows(args) { identity } else { identity.with_paths_apart() };
         let begun = resumed.map(|resumed| beginning(args, &ir, &identity, resumed)).transpose()?;
-        let rays_in = |path: &PathBuf| checkpoint::rays_in(path, &identity, args.overwrite);
-        let rays_there = args.checkpoint.as_ref().map_or(Ok(0), rays_in)?;
+        let rays_there = match (&args.checkpoint, &begun) {
+            (Some(path), Some(begun)) if args.resume.as_ref() == Some(path) => begun.launched.count,
+            (Some(path), _) => checkpoint::rays_in(path, &identity, args.overwrite)?,
+            (None, _) => 0,
+        };
         let run = Run {
             args,
             start,
@@ -246,7 +249,7 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
     let without_edges =
         gradients.iter().filter(|row| is_stopped && args.gradient_edges && row.with_edges.is_none());
     let without_edges: BTreeSet<&str> = without_edges.map(|row| row.parameter.as_str()).collect();
-    let mut warnings = differentiated.warnings_in(options.precision);
+    let mut warnings = differentiated.scene.warnings_in(options.precision);
     warnings.extend(differentiated.notes(&options)?);
     let stopped =
         |what: &str, name: &str| format!("stopped before the {what} by `{}`", crate::format::shown(name));
@@ -267,13 +270,6 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
     let printed = Printed { json: args.json, pictures: !args.no_pictures };
     let printed = deliver(&result, || Ok(None), args.output.as_deref(), printed)?;
     ended(printed, failure(&result))
-}
-
-/// The text for stdout; printed already where the command fails all the same.
-fn ended(printed: String, failure: Option<Error>) -> Result<String> {
-    let Some(failure) = failure else { return Ok(printed) };
-    crate::cli::console::print(&printed)?;
-    Err(failure)
 }
 
 /// A choice of precision, or one that is still being predicted.
@@ -473,7 +469,7 @@ fn trace(
     };
     session.stopping.prepare(&mut tracer, &begun)?;
     let start = Instant::now();
-    let tally = tracer.go_on(begun, |progress| session.after_pass(progress))?;
+    let tally = tracer.go_on_checked(begun, |progress| session.after_pass(progress))?;
     let trace_time_sec = start.elapsed().as_secs_f64();
     session.progress.finish();
     let checkpointed = match &args.checkpoint {

@@ -5,7 +5,7 @@ use crate::cli::output_file::OutputFile;
 use crate::cli::stops::stop_on_interrupt;
 use crate::count;
 use crate::error::{Error, Result};
-use crate::format::plain;
+use crate::format::path_text;
 use crate::model::PathFilter;
 use crate::viewer::compare::Comparison;
 use crate::viewer::light::Shown;
@@ -164,9 +164,8 @@ fn refuse_options_of_traces(args: &Args) -> Result<()> {
 
 fn app(args: &Args, settings: Settings, notify: Notify) -> Result<App> {
     let device = Device::on(args.adapter.clone());
-    let name = args.path.display().to_string();
-    let mut model =
-        Model::open(&args.path, settings, device, notify).map_err(|error| named(error, &plain(&name)))?;
+    let mut model = Model::open(&args.path, settings, device, notify)
+        .map_err(|error| named(error, &path_text(&args.path)))?;
     if model.a().is_some() {
         refuse_options_of_traces(args)?;
     }

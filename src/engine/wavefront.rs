@@ -9,8 +9,8 @@ use crate::engine::Engine;
 use crate::engine::drain::{discard, drain};
 use crate::engine::pace::Pace;
 use crate::engine::strategy::Strategy;
-use crate::error::{Error, Result};
-use crate::result::Tally;
+use crate::error::Result;
+use crate::result::{Tally, check_shape};
 use std::time::{Duration, Instant};
 
 /// Traces the rays that `begun` lacks, and returns the sum of all rays. After each pass, `keep_going` gets the
@@ -24,8 +24,7 @@ pub(crate) fn trace<'a>(
     // What an earlier trace, which failed, left on the devices.
     discard(engine, strategy)?;
     let mut at = engine.plan.position_after(&begun)?;
-    let refused = |problem| Error::Usage(format!("what the trace should go on from {problem}"));
-    begun.check(engine.ir).map_err(refused)?;
+    check_shape(engine.ir, &begun)?;
     let (mut tally, num_rays) = (begun, engine.plan.num_rays);
     engine.begin_paths(&mut tally)?;
     let mut pass_rays = u64::from(strategy.range_rays(engine));

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use crate::format::plain;
+use crate::format::path_text;
 use crate::model::checks::MAX_LENGTH;
 use crate::model::place::{key_of, quoted};
 use crate::model::shapes::mesh;
@@ -109,7 +109,7 @@ impl Meshes {
     fn cut_off(&self, placed: Placed, path: &Path, place: &str) -> Result<String> {
         let found = "the file ends without `endsolid`";
         match Solid::of(&self.meshes[placed.mesh]).open_edges {
-            0 => Ok(format!("{}: {found}, though its mesh is closed", plain(&path.display().to_string()))),
+            0 => Ok(format!("{}: {found}, though its mesh is closed", path_text(path))),
             open => Err(Error::file(
                 path,
                 format!(

@@ -31,7 +31,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use crate::format::plain;
+use crate::format::path_text;
 use crate::model::place::{quoted, ticked};
 use crate::model::{Mesh, Precision, files};
 use crate::scene::json::SceneFile;
@@ -84,8 +84,7 @@ impl Scene {
         if path.extension().and_then(|end| end.to_str()).is_some_and(|end| {
             PRESCRIPTIONS.iter().any(|prescription| prescription.eq_ignore_ascii_case(end))
         }) {
-            let command =
-                format!("python -m nsq_gpu.convert {} -o scene.json", plain(&path.display().to_string()));
+            let command = format!("python -m nsq_gpu.convert {} -o scene.json", path_text(path));
             return Err(Error::file(
                 path,
                 format!("it is a lens, no scene; `{command}` makes a scene of it"),

@@ -43,7 +43,8 @@ pub(super) fn get(tree: &Value, name: &str) -> Result<f64> {
 /// Sets numbers by their names.
 ///
 /// # Errors
-/// As [`set`]; also [`Error::Usage`] if two names are of one number.
+/// [`Error::Usage`] if nothing has a name, the scene has something else than a number there, or two names are of one
+/// number.
 pub(super) fn set_all(tree: &mut Value, numbers: &[(String, f64)]) -> Result<()> {
     let mut places: Vec<Place> = Vec::new();
     for (name, value) in numbers {
@@ -51,30 +52,27 @@ pub(super) fn set_all(tree: &mut Value, numbers: &[(String, f64)]) -> Result<()>
         if places.contains(&place) {
             return Err(Error::Usage(format!("{} is set twice; set it once", ticked(name))));
         }
+        set(tree, &place, name, *value)?;
         places.push(place);
-        set(tree, name, *value)?;
     }
     Ok(())
 }
 
-/// Sets the number of this name. A key that its entry does not know is refused later, when the scene is read.
-///
-/// # Errors
-/// [`Error::Usage`] if nothing has that name, or the scene has something else than a number there.
-fn set(tree: &mut Value, name: &str, value: f64) -> Result<()> {
+/// Sets the number at this place. A key that its entry does not know is refused later, when the scene is read.
+fn set(tree: &mut Value, place: &Place, name: &str, value: f64) -> Result<()> {
     let number = Number::from_f64(value)
         .ok_or_else(|| Error::Usage(format!("{} is {value}; give a finite number", ticked(name))))?;
-    let Place { object, key, items } = find(tree, name)?;
-    let Some(object) = at_mut(tree, &object) else { return Err(no_single_number(name)) };
-    if let (Some(list), false) = (object.get_mut(&key), items.is_empty()) {
-        return set_item(list, &items, value).ok_or_else(|| no_item(name));
+    let Place { object, key, items } = place;
+    let Some(object) = at_mut(tree, object) else { return Err(no_single_number(name)) };
+    if let (Some(list), false) = (object.get_mut(key), items.is_empty()) {
+        return set_item(list, items, value).ok_or_else(|| no_item(name));
     }
-    match object.get(&key) {
+    match object.get(key) {
         None | Some(Value::Number(_) | Value::Null) => {}
         Some(Value::String(text)) if is_infinite(text) => {}
         Some(_) => return Err(no_single_number(name)),
     }
-    object.insert(key, Value::Number(number));
+    object.insert(key.clone(), Value::Number(number));
     Ok(())
 }
 
@@ -296,6 +294,10 @@ mod tests {
                             "overrides": {"L1.front": {"reflectance": 0.1}}}}"#,
         )
         .unwrap()
+    }
+
+    fn set(tree: &mut Value, name: &str, value: f64) -> Result<()> {
+        set_all(tree, &[(name.into(), value)])
     }
 
     #[test]

@@ -56,7 +56,7 @@ impl Blocks {
         let begun = Tally { launched: *launched, rays: rays.clone(), ..tracer.empty_tally() };
         tracer.pause_at(end);
         let (mut is_whole, mut is_stopped) = (false, false);
-        let tally = tracer.go_on(begun, |progress| {
+        let tally = tracer.go_on_checked(begun, |progress| {
             is_whole = progress.position() >= end;
             is_stopped = !keep_going(progress.done);
             Ok(!is_stopped && !is_whole)

@@ -96,7 +96,7 @@ impl<'a> Pair<'a> {
             let end = blocks[0].next_end(&tracers[0]);
             // Where one block is all there is so far, a stop within it keeps its steps.
             let steps = if number == 0 { steps(end) } else { vec![end] };
-            let mut of_block = None;
+            let mut of_block = tracers.each_ref().map(Tracer::empty_tally);
             for end in steps {
                 let mut traced = Vec::new();
                 for side in 0..2 {
@@ -111,19 +111,18 @@ impl<'a> Pair<'a> {
                     }
                     traced.push(of_side.tally);
                 }
-                of_block = Some((blocks[0].add(traced.swap_remove(0)), blocks[1].add(traced.swap_remove(0))));
+                for (side, traced) in traced.into_iter().enumerate() {
+                    of_block[side] += &blocks[side].add(traced);
+                }
                 if is_stopped {
                     break;
                 }
             }
-            let of_block = match number {
-                0 => Some((blocks[0].sums.clone(), blocks[1].sums.clone())),
-                _ => of_block,
-            };
             blocks.iter_mut().for_each(Blocks::end_block);
-            if let Some((a, b)) = of_block.filter(|_| !is_sobol) {
-                let num_rays = a.launched.count;
-                let [a, b] = [pairing.figures(0, &a, units[0])?, pairing.figures(1, &b, units[1])?];
+            if !is_sobol {
+                let num_rays = of_block[0].launched.count;
+                let [a, b] = [0, 1].map(|side| pairing.figures(side, &of_block[side], units[side]));
+                let (a, b) = (a?, b?);
                 spreads[0].add(num_rays, &less(&a.lines, &b.lines));
                 spreads[1].add(num_rays, &less(&a.detected, &b.detected));
             }

@@ -6,7 +6,7 @@ use crate::engine::prepare::{prepare, prepare_on_shelf};
 use crate::engine::strategy::{Plain, Strategy};
 use crate::engine::undrained::empty_tally;
 use crate::engine::{Engine, wavefront};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::gpu::profile::Profile;
 use crate::model::{SceneIr, Sequence};
@@ -193,7 +193,7 @@ impl<'a> Tracer<'a> {
     /// # Errors
     /// [`crate::Error::Device`] if the device fails.
     pub fn trace(&mut self, mut keep_going: impl FnMut(u64) -> bool) -> Result<Tally> {
-        self.go_on(self.empty_tally(), |progress| Ok(keep_going(progress.done)))
+        self.go_on_checked(self.empty_tally(), |progress| Ok(keep_going(progress.done)))
     }
 
     /// Traces the rays that `begun` lacks, and returns the sum of all rays. After each pass, `keep_going` gets the
@@ -203,6 +203,18 @@ impl<'a> Tracer<'a> {
     /// [`crate::Error::Usage`] if `begun` is not the beginning of this trace. [`crate::Error::Device`] if the device
     /// fails. Any error of `keep_going`.
     pub fn go_on(
+        &mut self,
+        begun: Tally,
+        keep_going: impl FnMut(&mut Progress<'_, 'a>) -> Result<bool>,
+    ) -> Result<Tally> {
+        let refused = |problem| Error::Usage(format!("what the trace should go on from {problem}"));
+        begun.check(self.engine.ir).map_err(refused)?;
+        self.go_on_checked(begun, keep_going)
+    }
+
+    /// As [`Tracer::go_on`], from sums that were checked, or that a tracer of this scene made. The check looks at every
+    /// cell, and blocks of a trace go on often.
+    pub(crate) fn go_on_checked(
         &mut self,
         begun: Tally,
         keep_going: impl FnMut(&mut Progress<'_, 'a>) -> Result<bool>,

@@ -83,14 +83,12 @@ pub fn is_own(path: &Path) -> bool {
     let Ok(file) = std::fs::File::open(path) else { return false };
     let Ok(mut reader) = png::Decoder::new(std::io::BufReader::new(file)).read_info() else { return false };
     let info = reader.info();
-    let texts = info.uncompressed_latin1_text.iter();
-    let Some(hash_then) = texts.filter(|text| text.keyword == HASH).map(|text| text.text.clone()).next()
+    let text = info.uncompressed_latin1_text.iter().find(|text| text.keyword == HASH);
+    let Some(hash_then) =
+        text.filter(|_| info.width.max(info.height) <= MOST_PIXELS).map(|text| text.text.clone())
     else {
         return false;
     };
-    if info.width.max(info.height) > MOST_PIXELS {
-        return false;
-    }
     let mut rgba = vec![0; reader.output_buffer_size()];
     reader.next_frame(&mut rgba).is_ok() && hash(&rgba) == hash_then
 }

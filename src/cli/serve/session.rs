@@ -129,7 +129,7 @@ impl<'a> Job<'a> {
         stopping.prepare(&mut tracer, &begun)?;
         let mut stopped_by = None;
         let trace_start = Instant::now();
-        let tally = tracer.go_on(begun, |progress: &mut Progress| {
+        let tally = tracer.go_on_checked(begun, |progress: &mut Progress| {
             stopped_by = stopping.after_pass(ir, progress)?;
             match next(&Status::of(progress, &stopping, args, 0)) {
                 Next::GoOn => {}

@@ -7,7 +7,7 @@
 mod points;
 mod values;
 
-use crate::cli::console::{choose_vectors, named, say};
+use crate::cli::console::{choose_vectors, ended, named, say};
 use crate::cli::output_file::OutputFile;
 use crate::cli::progress::Status;
 use crate::cli::serve::requests::TraceRequest;
@@ -161,7 +161,7 @@ pub fn run(args: &Args) -> Result<String> {
     let found = Points { num_points, nominal, points: found };
     for point in found.refused().take(MOST_NAMED) {
         let problem = point.outcome.as_ref().err().map_or("", String::as_str);
-        say(&format!("{}: {problem}", point.label(is_of_tolerances)));
+        say(&format!("{}: {problem}", found.label(point)));
     }
     let failure = failure.or_else(|| refusal(&found));
     if found.nominal.is_none() && found.points.iter().all(|point| point.outcome.is_err()) {
@@ -174,9 +174,7 @@ pub fn run(args: &Args) -> Result<String> {
         file.write(contents.as_bytes()).map(|path| say(&format!("written: {}", path.display())))
     });
     let failure = written.and_then(Result::err).or(failure);
-    let Some(failure) = failure else { return Ok(printed) };
-    crate::cli::console::print(&printed)?;
-    Err(failure)
+    ended(printed, failure)
 }
 
 fn is_json(path: &Path) -> bool {
@@ -187,23 +185,13 @@ fn is_json(path: &Path) -> bool {
 fn refusal(found: &Points) -> Option<Error> {
     let first = found.refused().next()?;
     let (num_refused, num_points) = (found.refused().count(), found.points.len());
-    let (of_all, remedy) = match found.is_of_tolerances() {
-        true => (
-            format!("{num_refused} of {num_points} samples cannot be traced"),
-            "quantiles are of the other samples; a smaller tolerance, or --distribution uniform, may leave none out",
-        ),
-        false => (
-            format!("{num_refused} of {num_points} points cannot be traced"),
-            "the other points are returned",
-        ),
+    let remedy = match found.is_of_tolerances() {
+        _ if num_refused == num_points => "give other values",
+        true => {
+            "quantiles are of the other samples; a smaller tolerance, or --distribution uniform, may leave none out"
+        }
+        false => "the other points are returned",
     };
-    if num_refused == num_points {
-        return Some(Error::scene(
-            of_all,
-            format!("the first is {}", first.label(found.is_of_tolerances())),
-            "give other values",
-        ));
-    }
-    let problem = format!("the first is {}", first.label(found.is_of_tolerances()));
-    Some(Error::scene(of_all, problem, remedy))
+    let place = format!("{num_refused} of {num_points} {}s cannot be traced", found.kind());
+    Some(Error::scene(place, format!("the first is {}", found.label(first)), remedy))
 }

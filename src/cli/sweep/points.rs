@@ -68,14 +68,6 @@ impl Traced {
 }
 
 impl Point {
-    /// Which point this is, for people: `point 2 (L1.r1 = 50)`.
-    pub(super) fn label(&self, is_sample: bool) -> String {
-        let set: Vec<String> =
-            self.numbers.iter().map(|(name, value)| format!("{} = {value}", shown(name))).collect();
-        let kind = if is_sample { "sample" } else { "point" };
-        format!("{kind} {} ({})", self.index, set.join(", "))
-    }
-
     fn traced(&self) -> Option<&Traced> {
         self.outcome.as_ref().ok()
     }
@@ -104,6 +96,17 @@ impl Points {
 
     pub(super) fn is_of_tolerances(&self) -> bool {
         self.nominal.is_some()
+    }
+
+    /// What a point is called.
+    pub(super) fn kind(&self) -> &'static str {
+        if self.is_of_tolerances() { "sample" } else { "point" }
+    }
+
+    /// Which of the points this is, for people: `point 2 (L1.r1 = 50)`.
+    pub(super) fn label(&self, point: &Point) -> String {
+        let set = point.numbers.iter().map(|(name, value)| format!("{} = {value}", shown(name)));
+        format!("{} {} ({})", self.kind(), point.index, set.collect::<Vec<_>>().join(", "))
     }
 
     /// The points that could not be traced.

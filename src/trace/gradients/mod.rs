@@ -14,7 +14,7 @@ use crate::engine::walk::Walker;
 use crate::error::{Error, Result};
 use crate::format::shown;
 use crate::gpu::Gpu;
-use crate::model::{Precision, SceneIr};
+use crate::model::SceneIr;
 use crate::program::layout::bindings;
 use crate::program::tangents::{Parameter, Tangents};
 use crate::result::difference::Spread;
@@ -44,7 +44,8 @@ const MOST_UNCHECKED_RAYS: u64 = 10_000_000;
 pub struct Differentiated {
     /// The scene, with what its shaders must allow for.
     pub ir: SceneIr,
-    scene: Scene,
+    /// What was read.
+    pub scene: Scene,
     parameters: Vec<Scaled>,
 }
 
@@ -143,11 +144,6 @@ impl Differentiated {
     /// [`Error::Usage`] for options that make no sense.
     pub fn notes(&self, options: &TraceOptions) -> Result<Vec<String>> {
         notes_of_few_rays(&self.ir, &self.traced_options(options), num_blocks(options.num_rays, NUM_BLOCKS))
-    }
-
-    /// The warnings of reading the scene, for a trace in this precision.
-    pub fn warnings_in(&self, precision: Precision) -> Vec<String> {
-        self.scene.warnings_in(precision)
     }
 
     /// How often all rays are traced.
