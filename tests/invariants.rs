@@ -143,6 +143,31 @@ fn the_first_dispatch_of_a_deep_trace_is_short() {
     );
 }
 
+/// A trace that is allowed a hundred thousand events asks for the rays that are left, and one that is allowed 64 does not.
+#[test]
+fn a_depth_that_no_ray_reaches_changes_no_bit() {
+    // The light of the pipe that has more than 64 events needs thousands.
+    for (name, shallow) in
+        [("double_gauss", 64), ("bench_lens", 64), ("light_pipe", 20_000), ("opal_lamp", 20_000)]
+    {
+        let ir = zoo::load(name);
+        for precision in [Precision::F32, Precision::F64] {
+            for standard_error in [StandardError::Off, StandardError::On] {
+                let options = |max_depth| TraceOptions {
+                    num_rays: 20_000,
+                    max_depth,
+                    precision,
+                    standard_error,
+                    ..TraceOptions::default()
+                };
+                let tally = zoo::trace(&ir, &options(shallow).with(|_| ()));
+                assert_eq!(tally.depth_killed.count, 0, "{name}");
+                assert!(zoo::trace(&ir, &options(100_000).with(|_| ())) == tally, "{name} in {precision:?}");
+            }
+        }
+    }
+}
+
 #[test]
 #[ignore = "long"]
 fn workgroups_of_32_128_and_256_give_the_same_bits_as_of_64() {

@@ -211,6 +211,25 @@ fn condenser_array() -> String {
     }))
 }
 
+/// Small flat mirrors in random places, which a wide beam crosses. Their area in all is the same, however many there
+/// are: a ray meets one of them on average, and none meets 64.
+pub(crate) fn mirror_cloud(num_mirrors: u32) -> String {
+    const WIDTH: f64 = 100.0;
+    let radius = (2.0 * WIDTH * WIDTH / (std::f64::consts::PI * f64::from(num_mirrors))).sqrt();
+    let mut draws = Draws(1000);
+    let mut mirror = |i: u32| {
+        let [x, y, z] = [(); 3].map(|()| draws.between(-0.5 * WIDTH, 0.5 * WIDTH));
+        let [rx, ry] = [(); 2].map(|()| draws.between(-1.5, 1.5));
+        let config = json!({"radius": FLAT, "reflectance": 0.9, "aperture_radius": radius});
+        component("mirror", &format!("M_{i}"), json!({"x": x, "y": y, "z": z, "rx": rx, "ry": ry}), config)
+    };
+    scene(json!({
+        "components": (0..num_mirrors).map(&mut mirror).collect::<Vec<_>>(),
+        "sources": [collimated(at_z(-80.0), 40.0)],
+        "detectors": [detector(at_z(80.0), 200.0, 64, true)],
+    }))
+}
+
 /// Rays in random directions from a disk onto absorbing spheres in random places, which gives searches without
 /// coherence.
 fn spheres_scene(num_spheres: u32) -> String {

@@ -10,6 +10,7 @@
 //! report      one JSON document, CSV and a chart
 //! tuning      how to cut work for an adapter
 //! accuracy    error against time of every tier, sampler and setting
+//! growth      how the cost grows with surfaces, depth and rays
 //! stability   scenes where tracers fail, each with its exact answer
 //! ```
 //!
@@ -19,6 +20,7 @@
 pub mod accuracy;
 pub mod cases;
 pub mod gradients;
+pub mod growth;
 pub mod machine;
 pub mod paths;
 pub mod peers;

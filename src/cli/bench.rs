@@ -8,7 +8,7 @@ use crate::bench::peers::{DrJit, Mitsuba, Optiland};
 use crate::bench::report::ViewerResult;
 use crate::bench::runner::measure;
 use crate::bench::{
-    BenchReport, Case, CaseResult, Peer, Session, cases, gradients, machine, paths, stability, tuning,
+    BenchReport, Case, CaseResult, Peer, Session, cases, gradients, growth, machine, paths, stability, tuning,
 };
 use crate::cli::console::say;
 use crate::cli::output_file::OutputFile;
@@ -41,6 +41,9 @@ pub struct Args {
     /// Instead of speed: what maps of derivatives cost, against the plain loop.
     #[arg(long, conflicts_with_all = ["stability", "tune", "accuracy", "paths", "against", "note", "output", "json"])]
     gradients: bool,
+    /// Instead of speed: how the cost of a trace grows with surfaces, depth and rays; -o writes growth.txt and growth.png.
+    #[arg(long, conflicts_with_all = ["stability", "tune", "accuracy", "paths", "gradients", "scenes", "against", "note", "json"])]
+    growth: bool,
     /// Instead of speed alone: error against time of every tier, sampler and setting, and what Sobol points are worth.
     /// Exit code 6 where that is less than claimed.
     #[arg(long, conflicts_with_all = ["stability", "runs", "max_rays", "json"])]
@@ -141,6 +144,9 @@ pub fn run(args: &Args) -> Result<String> {
     }
     if args.accuracy {
         return run_accuracy(args);
+    }
+    if args.growth {
+        return run_growth(args);
     }
     let cases = chosen_cases(args)?;
     if args.paths {
@@ -338,17 +344,35 @@ fn cost_table(
     Ok(table)
 }
 
-/// Measures in the precision that the adapter traces in by default.
-fn run_tuning(args: &Args) -> Result<String> {
-    crate::cli::console::choose_width(widest(&widths(&tuning::cases())?));
+/// Measures how the cost grows, and writes the table and the chart.
+fn run_growth(args: &Args) -> Result<String> {
+    check_output(args, growth::FILES)?;
     let gpu = open(args)?;
+    let precision = default_precision(args, &gpu);
+    let most = args.max_rays.unwrap_or(if args.quick { QUICK_RAYS } else { u64::MAX });
+    let num_runs = usize::from(args.runs.unwrap_or(if args.quick { 3 } else { 5 }));
+    let growth = growth::measure(&gpu, precision, most, num_runs, say)?;
+    if let Some(dir) = &args.output {
+        growth.write_all(dir)?.iter().for_each(|file| say(&format!("written: {}", file.display())));
+    }
+    Ok(growth.table())
+}
+
+/// The precision that is asked for, or the one in which the adapter traces by default.
+fn default_precision(args: &Args, gpu: &Gpu) -> Precision {
     let default = if gpu.info.class.computes_f64_as_fast_as_f32() && gpu.f64 {
         PrecisionsArg::F64
     } else {
         PrecisionsArg::F32
     };
-    let wanted = precisions(args.precision.unwrap_or(default), &gpu);
-    let precision = wanted.first().copied().unwrap_or(Precision::F32);
+    precisions(args.precision.unwrap_or(default), gpu).first().copied().unwrap_or(Precision::F32)
+}
+
+/// Measures in the precision that the adapter traces in by default.
+fn run_tuning(args: &Args) -> Result<String> {
+    crate::cli::console::choose_width(widest(&widths(&tuning::cases())?));
+    let gpu = open(args)?;
+    let precision = default_precision(args, &gpu);
     let trials = tuning::measure(&gpu, precision)?;
     let best = tuning::best(&trials, Tuning::untuned(&gpu.info));
     let path = best.keep(&gpu.info)?;

@@ -183,6 +183,13 @@ impl DeviceState {
         Ok(())
     }
 
+    /// Waits for the device, and asks how many rays live on.
+    pub(crate) fn num_queued(&self) -> Result<u32> {
+        const OUTGOING: u64 = 4;
+        let bytes = self.gpu.read_at(&self.counts, OUTGOING, 4)?;
+        Ok(bytemuck::pod_read_unaligned(&bytes))
+    }
+
     /// Forgets the rows for the host of a dispatch.
     pub(crate) fn forget_rows(&self) {
         if self.keeps_rows() {

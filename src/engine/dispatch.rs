@@ -1,12 +1,16 @@
 //! The stages of a dispatch, in their order, and how they are recorded and submitted.
 
+use crate::engine::PASS_TIME;
 use crate::engine::device::DeviceState;
-use crate::engine::limits::grid;
+use crate::engine::limits::{MAX_COUNTS_PER_PASS, grid, num_rounds};
 use crate::engine::plan::Plan;
+use crate::engine::rounds::{RoundsLeft, unasked};
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::gpu::profile::Profile;
 use crate::program::{Program, RayRange};
+use std::ops::Range;
+use std::time::Instant;
 
 /// How a device traces a range.
 #[derive(Debug, Clone, Copy)]
@@ -34,8 +38,8 @@ pub(super) enum Workgroups<'a> {
     Counted(&'a wgpu::Buffer),
 }
 
-/// All stages of a dispatch, in their order. The first stage follows new rays through their first events. Then two
-/// stages take turns and follow the survivors, until no ray can be left.
+/// The stages that are submitted with a range, in their order. The first stage follows new rays through their first
+/// events. Few rounds may follow.
 pub(super) fn stages<'d>(
     device: &'d DeviceState,
     plan: &Plan,
@@ -50,24 +54,49 @@ pub(super) fn stages<'d>(
         groups: [Some(scene), Some(&device.queues[0])],
         workgroups: Workgroups::Of(workgroups),
     }];
-    // An added stage follows its rays to their end.
+    stages.extend(rounds(device, way, unasked(num_rounds(&plan.program))));
+    Ok(stages)
+}
+
+/// The stages of some rounds. In each, two stages take turns and follow the survivors. There are none after an added
+/// stage, which follows its rays to their end.
+pub(super) fn rounds(device: &DeviceState, way: Route, numbers: Range<usize>) -> Vec<Stage<'_>> {
     let rounds = device.rounds.as_ref().zip(device.stages.rounds.as_ref());
-    let Some((rounds, compiled)) = rounds.filter(|_| way.added.is_none()) else { return Ok(stages) };
-    for round in 1..plan.num_rounds() {
-        stages.push(Stage {
+    let Some((rounds, compiled)) = rounds.filter(|_| way.added.is_none()) else { return Vec::new() };
+    let round = |number: usize| {
+        let advance = Stage {
             name: "advance",
             pipeline: &compiled.advance,
             groups: [Some(&rounds.advancing), None],
             workgroups: Workgroups::Of([1, 1, 1]),
-        });
-        stages.push(Stage {
+        };
+        let trace_queued = Stage {
             name: "trace_queued",
             pipeline: &compiled.trace_queued,
-            groups: [Some(scene), Some(&device.queues[round % 2])],
+            groups: [Some(&device.scenes[way.group]), Some(&device.queues[number % 2])],
             workgroups: Workgroups::Counted(&rounds.workgroups),
-        });
-    }
-    Ok(stages)
+        };
+        [advance, trace_queued]
+    };
+    numbers.flat_map(round).collect()
+}
+
+/// The rounds of a range that are to be asked about, if there are any.
+pub(super) fn rounds_left(device: &DeviceState, program: &Program, way: Route) -> Option<RoundsLeft> {
+    let may_have = device.rounds.is_some() && way.added.is_none();
+    RoundsLeft::of(num_rounds(program)).filter(|_| may_have)
+}
+
+/// The next rounds of so many rays, and the most that a counter may count in them.
+pub(super) fn next_rounds(
+    left: &mut RoundsLeft,
+    program: &Program,
+    num_queued: u32,
+) -> Option<(Range<usize>, u64)> {
+    let counts_per_round = u64::from(num_queued) * u64::from(program.options.events_per_dispatch + 1);
+    let rounds = left.next(num_queued, MAX_COUNTS_PER_PASS / counts_per_round.max(1))?;
+    let counts = rounds.len() as u64 * counts_per_round;
+    Some((rounds, counts))
 }
 
 impl Route {
@@ -78,12 +107,14 @@ impl Route {
     }
 }
 
-/// Submits a range to a device, outside of a trace.
+/// Submits a range to a device, outside of a trace. `count` takes the most that a counter may count in further rounds,
+/// before each group of them.
 pub(super) fn submit_alone(
     device: &DeviceState,
     plan: &Plan,
     range: &RayRange,
     num_submissions: usize,
+    mut count: impl FnMut(u64) -> Result<()>,
 ) -> Result<()> {
     write_range(device, &plan.program, range)?;
     let way = Route::plain(&plan.program, 0);
@@ -91,7 +122,19 @@ pub(super) fn submit_alone(
     let workgroups = grid(range.count.div_ceil(rays_per_workgroup), &device.gpu);
     let stages = stages(device, plan, way, workgroups)?;
     submit(&device.gpu, &stages, stages.len().div_ceil(num_submissions), None);
-    device.gpu.check()
+    device.gpu.check()?;
+    let Some(mut left) = rounds_left(device, &plan.program, way) else { return Ok(()) };
+    let mut num_queued = device.num_queued()?;
+    while let Some((numbers, counts)) = next_rounds(&mut left, &plan.program, num_queued) {
+        count(counts)?;
+        let start = Instant::now();
+        let stages = rounds(device, way, numbers);
+        submit(&device.gpu, &stages, stages.len(), None);
+        device.gpu.check()?;
+        num_queued = device.num_queued()?;
+        left.note(start.elapsed(), PASS_TIME);
+    }
+    Ok(())
 }
 
 /// Writes to a device which rays its next dispatch traces.

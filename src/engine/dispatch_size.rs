@@ -35,6 +35,11 @@ impl DispatchSize {
         self.rays
     }
 
+    /// True if so many rays keep the device from idling.
+    pub(crate) fn is_enough(&self, rays: u32) -> bool {
+        rays >= self.least
+    }
+
     /// Into how many submissions its stages should be divided: more than one where even the fewest rays take long.
     pub(crate) fn submissions(&self) -> usize {
         self.submissions

@@ -1,6 +1,7 @@
 //! How the sums of devices and strategies get into a tally.
 
 use crate::engine::Engine;
+use crate::engine::device::DeviceState;
 use crate::engine::intake::Intake;
 use crate::engine::strategy::Strategy;
 use crate::engine::undrained::{Undrained, empty_tally};
@@ -18,6 +19,9 @@ pub(crate) fn drain(engine: &mut Engine, strategy: &mut dyn Strategy, tally: &mu
         let mut intake = engine.intake(tally);
         device.drain(&mut intake)?;
         intake.finish(engine.plan.reached_marks());
+    }
+    if let Some(spilled) = engine.spilled.take() {
+        *tally += &spilled;
     }
     strategy.drain(engine, tally)?;
     engine.drain_paths(tally)?;
@@ -45,6 +49,17 @@ impl Engine<'_> {
     /// An intake, which adds counters and sums to a tally.
     pub(crate) fn intake<'t>(&'t self, tally: &'t mut Tally) -> Intake<'t> {
         Intake::new(&self.plan.program.cells, self.plan.counted(), self.plan.rays.len(), tally)
+    }
+
+    /// Moves the sums of one device to the host within a range, before counters overflow. The device is `other`, or else
+    /// the engine's.
+    pub(super) fn spill(&mut self, other: Option<&DeviceState>) -> Result<()> {
+        let mut spilled = self.spilled.take().unwrap_or_else(|| empty_tally(self.ir));
+        let mut intake = self.intake(&mut spilled);
+        other.unwrap_or(&self.device).drain(&mut intake)?;
+        intake.finish(self.plan.reached_marks());
+        self.spilled = Some(spilled);
+        Ok(())
     }
 
     /// Asks the devices which primitives rays have reached, unless all are known. Later rays need not report these
@@ -93,5 +108,45 @@ impl Engine<'_> {
             self.gpu.info.name,
             advice.join(", ")
         )))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::options::TraceOptions;
+    use crate::engine::prepare::prepare;
+    use crate::engine::strategy::Plain;
+    use crate::engine::wavefront;
+    use crate::gpu::{AdapterChoice, Gpu};
+    use crate::trace::StandardError;
+
+    /// Two mirrors between which a part of the light is caught.
+    const TRAP: &str = r#"{"nsq_schema_version": 1,
+        "components": [
+            {"type": "mirror", "name": "A", "cs": {"z": 10}, "config": {"radius": Infinity, "reflectance": 0.99, "aperture_radius": 5}},
+            {"type": "mirror", "name": "B", "cs": {"z": -10}, "config": {"radius": Infinity, "reflectance": 0.98, "aperture_radius": 5}}],
+        "sources": [{"type": "collimated", "name": "S", "cs": {}, "spectrum": {"wavelengths": [0.55], "weights": [1]}, "total_flux": 1, "aperture_radius": 10}],
+        "detectors": [{"type": "irradiance", "name": "D", "cs": {"z": 20}, "width": 20, "height": 20, "num_pixels_x": 8, "num_pixels_y": 8, "absorb": true}]}"#;
+
+    #[test]
+    fn sums_that_leave_the_device_within_a_range_are_the_same_bits() {
+        if crate::gpu::list_adapters().is_empty() {
+            return;
+        }
+        let gpu = Gpu::open(&AdapterChoice::default()).unwrap();
+        let ir = crate::Scene::from_json(TRAP).unwrap().lower().unwrap();
+        for standard_error in [StandardError::Off, StandardError::On] {
+            let options =
+                TraceOptions { num_rays: 5000, max_depth: 900, standard_error, ..Default::default() };
+            let traced = |most_counts: Option<u64>| {
+                let mut engine = prepare(&gpu, &ir, &options, &mut Plain, |wgsl| wgsl).unwrap();
+                engine.most_counts = most_counts.unwrap_or(engine.most_counts);
+                wavefront::trace(&mut engine, &mut Plain, empty_tally(&ir), |_| Ok(true)).unwrap()
+            };
+            let tally = traced(None);
+            assert!(tally.depth_killed.count + tally.roulette_loss.count > 1000, "light is caught");
+            assert!(traced(Some(0)) == tally && traced(Some(100_000)) == tally);
+        }
     }
 }

@@ -3,6 +3,7 @@
 
 use crate::engine::device::stride_of;
 use crate::engine::options::TraceOptions;
+use crate::engine::rounds::unasked;
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::model::ray_id;
@@ -54,7 +55,7 @@ impl DispatchLimits {
             }
             _ => u32::MAX,
         };
-        let counted = (MAX_COUNTS_PER_PASS / counts_per_ray(program)).min(1 << 30) as u32;
+        let counted = (MAX_COUNTS_PER_PASS / counts_unasked(program)).min(1 << 30) as u32;
         let families = program.splitting.map_or(u32::MAX, |splitting| 1 << splitting.index_bits());
         wanted.min(self.most_rays).min(events).min(queued).min(counted).min(families).max(1)
     }
@@ -95,6 +96,22 @@ pub(crate) fn check_families(program: &Program, options: &TraceOptions) -> Resul
 /// Most events of one launched ray and its children, their ends included.
 pub(crate) fn counts_per_ray(program: &Program) -> u64 {
     program.most_rays() * u64::from(program.options.max_depth + 1)
+}
+
+/// Most events of one launched ray, its end included, before the host asks how many rays live on
+/// ([`crate::engine::rounds`]). A row of the table of paths may count all events of a ray that detectors let pass, and
+/// the table is not read within a range.
+pub(crate) fn counts_unasked(program: &Program) -> u64 {
+    let counts_passes = program.path_table.is_some() && program.features.transmissive;
+    match unasked(num_rounds(program)).end == num_rounds(program) || counts_passes {
+        true => counts_per_ray(program),
+        false => u64::from(program.options.events_per_dispatch + 1),
+    }
+}
+
+/// The first stage and the rounds after which no ray can be left.
+pub(crate) fn num_rounds(program: &Program) -> usize {
+    program.options.max_depth.div_ceil(program.options.events_per_dispatch) as usize
 }
 
 /// Workgroups as a grid, within the limit of one dimension.

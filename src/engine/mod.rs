@@ -33,6 +33,7 @@ pub mod paths;
 pub mod plan;
 pub mod prepare;
 pub mod rates;
+pub mod rounds;
 pub mod rows;
 pub mod sequences;
 pub mod shelf;
@@ -48,6 +49,7 @@ pub mod wavefront;
 
 use crate::engine::device::DeviceState;
 use crate::engine::dispatch_size::DispatchSize;
+use crate::engine::limits::MAX_COUNTS_UNDRAINED;
 use crate::engine::path_table::PathTable;
 use crate::engine::plan::Plan;
 use crate::engine::rows::Rows;
@@ -55,6 +57,7 @@ use crate::engine::undrained::Undrained;
 use crate::gpu::Gpu;
 use crate::gpu::profile::Profile;
 use crate::model::SceneIr;
+use crate::result::Tally;
 use std::time::{Duration, Instant};
 
 /// How long a pass should keep the device. A desktop then stays usable, and no watchdog fires.
@@ -72,6 +75,10 @@ pub(crate) struct Engine<'a> {
     pub(crate) pass_time: Duration,
     /// The rays launched since the sums were drained.
     pub(crate) undrained: Undrained,
+    /// Sums that had to leave the devices within a range, before counters could overflow.
+    pub(crate) spilled: Option<Tally>,
+    /// The most that a counter may count before sums leave the devices within a range.
+    pub(crate) most_counts: u64,
     /// Rows for the host that are not yet in a tally.
     pub(crate) rows: Rows,
     /// The table of paths, where light is summed up by its path.
@@ -85,6 +92,8 @@ pub(crate) struct Engine<'a> {
     pub(crate) is_compiling: bool,
     /// The number of submissions, over all traces.
     pub(crate) num_submissions: u64,
+    /// The time of this pass in which so few rays were left that the device was mostly idle.
+    pub(crate) idle_time: Duration,
     /// When the first rays of all had been traced; `None` until a pass was waited for.
     pub(crate) first_end: Option<Instant>,
 }
@@ -101,11 +110,14 @@ impl<'a> Engine<'a> {
             plan,
             pass_time: PASS_TIME,
             undrained: Undrained::default(),
+            spilled: None,
+            most_counts: MAX_COUNTS_UNDRAINED,
             rows: Rows::default(),
             profile: None,
             pause: None,
             is_compiling: false,
             num_submissions: 0,
+            idle_time: Duration::ZERO,
             first_end: None,
         }
     }

@@ -5,7 +5,7 @@ use crate::engine::PASS_TIME;
 use crate::engine::device::DeviceState;
 use crate::engine::dispatch::submit_alone;
 use crate::engine::intake::Intake;
-use crate::engine::limits::{DispatchLimits, MAX_COUNTS_UNDRAINED, counts_per_ray};
+use crate::engine::limits::{DispatchLimits, MAX_COUNTS_UNDRAINED, counts_unasked};
 use crate::engine::options::TraceOptions;
 use crate::engine::plan::{Draft, Plan};
 use crate::engine::stages::{Additions, Stages};
@@ -111,12 +111,19 @@ pub fn trace_maps(
             let count = (end - next).min(size.rays().into()) as u32;
             let range = RayRange::of(next, count, span.source as usize);
             let start = Instant::now();
-            submit_alone(&device, &plan, &range, size.submissions())?;
+            undrained += u64::from(count) * counts_unasked(&plan.program);
+            submit_alone(&device, &plan, &range, size.submissions(), |counts| {
+                undrained += counts;
+                if undrained > MAX_COUNTS_UNDRAINED {
+                    drain(&mut tally)?;
+                    undrained = counts;
+                }
+                Ok(())
+            })?;
             device.forget_rows();
             device.gpu.wait()?;
             size.note(count, start.elapsed(), PASS_TIME);
             next += u64::from(count);
-            undrained += u64::from(count) * counts_per_ray(&plan.program);
             if undrained > MAX_COUNTS_UNDRAINED / 2 {
                 drain(&mut tally)?;
                 undrained = 0;

@@ -234,11 +234,6 @@ impl Plan {
         (weight * QUANTA_PER_WEIGHT).floor() as u128
     }
 
-    /// Dispatches after which no ray can be left.
-    pub(crate) fn num_rounds(&self) -> usize {
-        self.options.max_depth.div_ceil(self.program.options.events_per_dispatch) as usize
-    }
-
     /// How the device marks the primitives that rays have reached.
     pub(crate) fn reached_marks(&self) -> ReachedMarks {
         let Program { cells, features, options, .. } = &self.program;

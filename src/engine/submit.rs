@@ -2,10 +2,11 @@
 
 use crate::engine::Engine;
 use crate::engine::device::DeviceState;
-use crate::engine::dispatch::{Route, stages, submit, write_range};
+use crate::engine::dispatch::{Route, next_rounds, rounds, rounds_left, stages, submit, write_range};
 use crate::engine::limits::grid;
 use crate::error::Result;
 use crate::program::RayRange;
+use std::time::Instant;
 
 /// A dispatch that has been submitted.
 pub(crate) struct Submitted {
@@ -19,7 +20,38 @@ impl Engine<'_> {
     pub(crate) fn submit(&mut self, range: &RayRange) -> Result<()> {
         let way = Route::plain(&self.plan.program, 0);
         self.submit_to(None, way, range)?;
-        self.end_dispatch(None)
+        self.end_dispatch(None)?;
+        self.finish_rounds(None, way)
+    }
+
+    /// True if the host asks how many rays are left after a dispatch of this way.
+    pub(crate) fn asks_for_rays(&self, way: Route) -> bool {
+        rounds_left(&self.device, &self.plan.program, way).is_some()
+    }
+
+    /// Follows the rays of a dispatch that live on, in groups of rounds, to their end. The device is `other`, or else the
+    /// engine's.
+    pub(crate) fn finish_rounds(&mut self, other: Option<&DeviceState>, way: Route) -> Result<()> {
+        let Some(mut left) = rounds_left(&self.device, &self.plan.program, way) else { return Ok(()) };
+        let mut num_queued = other.unwrap_or(&self.device).num_queued()?;
+        while let Some((numbers, counts)) = next_rounds(&mut left, &self.plan.program, num_queued) {
+            if self.undrained.go_on(counts, self.most_counts) {
+                self.spill(other)?;
+            }
+            let start = Instant::now();
+            let device = other.unwrap_or(&self.device);
+            let stages = rounds(device, way, numbers);
+            submit(&device.gpu, &stages, stages.len(), self.profile.as_mut());
+            self.num_submissions += 1;
+            self.end_dispatch(other)?;
+            let is_idle = !self.size.is_enough(num_queued);
+            num_queued = other.unwrap_or(&self.device).num_queued()?;
+            left.note(start.elapsed(), self.pass_time);
+            if is_idle {
+                self.idle_time += start.elapsed();
+            }
+        }
+        Ok(())
     }
 
     /// Collects the times of a dispatch where stages are timed, and fails if the device has failed. The device is

@@ -1,6 +1,6 @@
 //! The rays that passes have launched since the sums were drained.
 
-use crate::engine::limits::counts_per_ray;
+use crate::engine::limits::counts_unasked;
 use crate::engine::plan::Plan;
 use crate::model::SceneIr;
 use crate::program::RayRange;
@@ -13,6 +13,8 @@ pub(crate) struct Undrained {
     pub(super) rays: RaySet,
     /// An upper bound of every counter.
     pub(crate) counts: u64,
+    /// As many of these were spilled.
+    spilled: u64,
     num_passes: u64,
     /// The primitives that rays have reached, a bit each, as far as the devices were asked.
     pub(crate) reached: u32,
@@ -24,7 +26,18 @@ impl Undrained {
         let (count, source) = (u64::from(range.count), range.source as u32);
         self.launched += plan.births(range);
         self.rays += RaySpan { first: range.first, count, source };
-        self.counts += count * counts_per_ray(&plan.program);
+        self.counts += count * counts_unasked(&plan.program);
+    }
+
+    /// Adds rounds in which counters may count so much. True if the sums must be spilled first, for counters to stay
+    /// below `most`. The ranges of the present pass may not be added yet: what they count fits beside `most` into 32 bits.
+    pub(crate) fn go_on(&mut self, counts: u64, most: u64) -> bool {
+        let must_spill = self.counts - self.spilled + counts > most;
+        if must_spill {
+            self.spilled = self.counts;
+        }
+        self.counts += counts;
+        must_spill
     }
 
     /// Counts a pass, and says whether to ask the devices now which primitives were reached. Asking waits for a device,

@@ -136,7 +136,8 @@ impl<'a> Walker<'a> {
                 let count = in_dispatch.min(rays.count - first);
                 let start = Instant::now();
                 let range = RayRange::of(rays.first + first, count as u32, source);
-                submit_alone(&device, plan, &range, 1)?;
+                // All events of a ray are in one dispatch.
+                submit_alone(&device, plan, &range, 1, |_| Ok(()))?;
                 let bytes = gpu.read(&rows, bytes_of(count))?;
                 for invocation in bytes.chunks_exact(num_sums * size) {
                     for (sum, bytes) in sums.iter_mut().zip(invocation.chunks_exact(size)) {

@@ -60,9 +60,11 @@ pub(crate) fn trace<'a>(
     Ok(tally)
 }
 
-/// Traces from one position to another into the devices' sums, and returns the time taken.
+/// Traces from one position to another into the devices' sums, and returns the time taken. The time in which few
+/// rays were left does not count.
 fn trace_pass(engine: &mut Engine, strategy: &mut dyn Strategy, first: u64, end: u64) -> Result<Duration> {
     let start = Instant::now();
+    engine.idle_time = Duration::ZERO;
     let ranges = engine.plan.ranges(first, end, strategy.range_rays(engine), engine.undrained.reached);
     for range in &ranges {
         strategy.trace(engine, range)?;
@@ -78,7 +80,7 @@ fn trace_pass(engine: &mut Engine, strategy: &mut dyn Strategy, first: u64, end:
         engine.check_loops(strategy)?;
         engine.check_paths()?;
     }
-    Ok(start.elapsed())
+    Ok(start.elapsed().saturating_sub(engine.idle_time))
 }
 
 /// How far a trace has come, after a pass.

@@ -36,6 +36,7 @@ use crate::software::added::{SoftwareExtension, Wanted};
 use crate::software::logs::{DeviceLogs, EndLogs, Rays};
 use crate::software::path::{pilot, side_path};
 use crate::software::profile::Profile;
+use std::time::Instant;
 
 /// Rays of a dispatch where they log their ends: the log stays in a processor's caches, and dispatches are long against what
 /// each costs.
@@ -134,10 +135,22 @@ impl Software {
             // begins at ray 0 makes none grow. So the first dispatch is such a one, of no workgroups.
             engine.prime(device, way, range)?;
         }
+        let start = Instant::now();
+        let idle_time = engine.idle_time;
         let submitted = engine.submit_to(device, way, range)?;
+        let asks = engine.asks_for_rays(way);
+        if asks {
+            // The host adds up the logs of earlier dispatches before it waits for this one.
+            self.finish_logs(engine)?;
+            engine.finish_rounds(self.device(number), way)?;
+            if !submitted.is_first {
+                let time = start.elapsed().saturating_sub(engine.idle_time - idle_time);
+                engine.size.note(range.count, time, engine.pass_time);
+            }
+        }
         if let Some(logs) = &mut self.logs {
             // Before the engine takes the times of stages: to take them waits for the dispatch, whose own time begins here.
-            let is_timed = way.added.is_none() && !submitted.is_first;
+            let is_timed = way.added.is_none() && !submitted.is_first && !asks;
             logs.submitted(*range, rays, submitted.index, is_timed)?;
             let times = logs.take_times();
             times.iter().for_each(|&(rays, time)| engine.size.note(rays, time, engine.pass_time));

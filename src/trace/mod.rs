@@ -2,7 +2,9 @@
 //!
 //! [`Tracer`] picks a strategy that suits the adapter, or the plain way. All give the same bits.
 
+use crate::engine::limits::num_rounds;
 use crate::engine::prepare::{prepare, prepare_on_shelf};
+use crate::engine::rounds::MOST_IN_GROUP;
 use crate::engine::strategy::{Plain, Strategy};
 use crate::engine::undrained::empty_tally;
 use crate::engine::{Engine, wavefront};
@@ -153,9 +155,10 @@ impl<'a> Tracer<'a> {
     /// sums stay the same bits. The trace becomes slower.
     ///
     /// # Errors
-    /// [`crate::Error::Usage`] if the adapter has no timestamps, or too few for so deep a trace.
+    /// [`crate::Error::Usage`] if the adapter has no timestamps.
     pub fn enable_profile(&mut self) -> Result<()> {
-        let num_stages = 2 * self.engine.plan.num_rounds() as u64;
+        let num_rounds = num_rounds(&self.engine.plan.program).min(MOST_IN_GROUP);
+        let num_stages = 2 * num_rounds as u64;
         self.engine.profile = Some(Profile::new(self.engine.gpu, num_stages)?);
         self.strategy.keep_one_device();
         Ok(())
