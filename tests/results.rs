@@ -991,7 +991,8 @@ mod addition {
         ) -> DetectorTally {
             let rows = ids.into_iter().map(|ray_id| row(ray_id, 0, 1.0)).collect();
             let (quanta, hits) = cells.into_iter().unzip();
-            DetectorTally { quanta, hits, recorded, rows, ..DetectorTally::default() }
+            let ended_inside = recorded.count;
+            DetectorTally { quanta, hits, recorded, rows, ended_inside, ..DetectorTally::default() }
         }
     }
 
@@ -1007,7 +1008,7 @@ mod addition {
                 launched: flux_sums[0],
                 rays: RaySet::default(),
                 detectors,
-                surfaces: surfaces.map(|(reached, absorbed)| SurfaceTally { reached, absorbed }).collect(),
+                surfaces: surfaces.map(|(reached, absorbed)| SurfaceTally { reached, absorbed, entered_twice: counts.0, ended_inside: counts.1 }).collect(),
                 escaped: flux_sums[1],
                 depth_killed: flux_sums[2],
                 roulette_loss: flux_sums[3],
@@ -1057,6 +1058,8 @@ mod addition {
                 t.launched, t.escaped, t.depth_killed, t.roulette_loss, t.roulette_gain, t.bulk, t.importance_loss,
                 t.importance_gain, t.coating, t.bsdf_loss, t.bsdf_gain, t.detectors[1].recorded, t.detectors[0].total(), t.surfaces[1].absorbed,
                 FluxSum { count: t.medium_stack_underflows, quanta: t.invalid_deposits.into() },
+                FluxSum { count: t.surfaces[1].entered_twice, quanta: t.surfaces[0].ended_inside.into() },
+                FluxSum { count: t.detectors[0].ended_inside, quanta: t.detectors[1].ended_inside.into() },
                 FluxSum { count: t.detectors[1].hits[2], quanta: t.detectors[1].quanta[2] },
             ];
             for ((total, mut one), other) in fields(&sum).into_iter().zip(fields(&a)).zip(fields(&b)) {

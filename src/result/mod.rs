@@ -38,13 +38,14 @@ pub mod tally;
 mod tally_check;
 mod text;
 mod trace_result;
+mod wrong_sides;
 pub mod uncertainty;
 
 pub use crate::result::detector::Detector;
 pub use crate::result::detectors::{
     DetectorData, FarFieldPattern, IrradianceMap, RayColumns, RayDatabase, SpectralMap,
 };
-pub use crate::result::diagnostics::{DetectorDiagnostic, Diagnostics};
+pub use crate::result::diagnostics::{DetectorDiagnostic, Diagnostics, WrongSides};
 pub use crate::result::difference::{DetectorDifference, FluxDifference, MapDifference, SceneDifference};
 pub use crate::result::flux_unit::FluxUnit;
 pub use crate::result::gradients::{Gradient, WithEdges};
