@@ -119,7 +119,8 @@ fn everything() -> (SceneIr, Tally) {
     (tally.detectors[2].quanta[5], tally.detectors[2].hits[5]) = (100 * WEIGHT, 100);
     tally.detectors[3].recorded = flux_sum(3, 3);
     tally.detectors[3].rows = vec![row(9, 2, 1.0), row(3, 1, 0.5), row(3, 4, 1.5)];
-    tally.surfaces[0] = SurfaceTally { reached: true, absorbed: flux_sum(200, 200), ..SurfaceTally::default() };
+    tally.surfaces[0] =
+        SurfaceTally { reached: true, absorbed: flux_sum(200, 200), ..SurfaceTally::default() };
     tally.surfaces[1] = SurfaceTally { reached: true, absorbed: flux_sum(80, 40), ..SurfaceTally::default() };
     tally.bulk = flux_sum(60, 10);
     tally.escaped = flux_sum(310, 310);
@@ -387,8 +388,11 @@ fn oracle_tally(ir: &SceneIr, oracle: &Value) -> Tally {
     tally.depth_killed = FluxSum { count: count("num_rays_depth_killed"), quanta: halves("depth") };
     let absorbed = FluxSum { count: count("num_rays_absorbed"), quanta: halves("stop") };
     tally.surfaces[0] = SurfaceTally { reached: true, absorbed, ..SurfaceTally::default() };
-    tally.surfaces[2] =
-        SurfaceTally { reached: true, absorbed: FluxSum { count: 0, quanta: halves("mirror") }, ..SurfaceTally::default() };
+    tally.surfaces[2] = SurfaceTally {
+        reached: true,
+        absorbed: FluxSum { count: 0, quanta: halves("mirror") },
+        ..SurfaceTally::default()
+    };
     for (index, name) in ["tap", "spectral", "far"].into_iter().enumerate() {
         let cells = oracle["half_units"][name].as_array().unwrap();
         tally.detectors[index].quanta =

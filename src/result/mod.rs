@@ -38,8 +38,8 @@ pub mod tally;
 mod tally_check;
 mod text;
 mod trace_result;
-mod wrong_sides;
 pub mod uncertainty;
+mod wrong_sides;
 
 pub use crate::result::detector::Detector;
 pub use crate::result::detectors::{

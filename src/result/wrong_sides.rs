@@ -18,7 +18,11 @@ pub(super) fn of(ir: &SceneIr, tally: &Tally) -> Option<WrongSides> {
     let surfaces = || tally.surfaces.iter().enumerate();
     let entered = surfaces().map(|(i, sums)| (ir.surface_name(i), sums.entered_twice));
     let behind = surfaces().map(|(i, sums)| (ir.surface_name(i), sums.ended_inside));
-    let on = ir.detectors.iter().zip(&tally.detectors).map(|(detector, sums)| (detector.name.clone(), sums.ended_inside));
+    let on = ir
+        .detectors
+        .iter()
+        .zip(&tally.detectors)
+        .map(|(detector, sums)| (detector.name.clone(), sums.ended_inside));
     let entered_twice = counted(entered);
     let ended_inside = counted(behind.chain(on));
     if entered_twice.is_empty() && ended_inside.is_empty() {
@@ -47,7 +51,9 @@ pub(super) fn of(ir: &SceneIr, tally: &Tally) -> Option<WrongSides> {
 
 fn counted(counts: impl Iterator<Item = (String, u64)>) -> BTreeMap<String, u64> {
     let mut by_name = BTreeMap::new();
-    counts.filter(|(_, count)| *count > 0).for_each(|(name, count)| *by_name.entry(name).or_default() += count);
+    counts
+        .filter(|(_, count)| *count > 0)
+        .for_each(|(name, count)| *by_name.entry(name).or_default() += count);
     by_name
 }
 
@@ -60,7 +66,10 @@ fn listed(counts: &BTreeMap<String, u64>) -> String {
     let mut counts: Vec<(&String, &u64)> = counts.iter().collect();
     counts.sort_by_key(|(name, count)| (std::cmp::Reverse(**count), *name));
     let more = counts.len().saturating_sub(MOST_NAMES);
-    let names = counts.iter().take(MOST_NAMES).map(|(name, count)| format!("`{}` ({})", shown(name), thousands(**count)));
+    let names = counts
+        .iter()
+        .take(MOST_NAMES)
+        .map(|(name, count)| format!("`{}` ({})", shown(name), thousands(**count)));
     let text = names.collect::<Vec<_>>().join(", ");
     if more > 0 { format!("{text} and {} more", thousands(more as u64)) } else { text }
 }

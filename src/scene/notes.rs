@@ -28,7 +28,10 @@ pub fn of_sides(ir: &SceneIr, found: &WrongSides) -> Vec<String> {
     let more = found.disagreements.len().saturating_sub(MOST_NAMES);
     notes.extend(found.disagreements.iter().take(MOST_NAMES).map(|one| disagreement(ir, one)));
     if more > 0 {
-        notes.push(format!("the sides of {} more faces do not agree with what is before them", thousands(more as u64)));
+        notes.push(format!(
+            "the sides of {} more faces do not agree with what is before them",
+            thousands(more as u64)
+        ));
     }
     if found.num_unseen > 0 {
         let num = thousands(found.num_unseen as u64);
@@ -57,7 +60,9 @@ fn disagreement(ir: &SceneIr, &Disagreement { from, medium, to }: &Disagreement)
     let medium_name = |medium: usize| shown(&ir.media[medium].name);
     let start = format!("on one side of {} lies {}", name(ir, from), medium_name(medium));
     match to {
-        None => format!("{start}, and light that goes there meets no other face: that solid is open, or the face is turned"),
+        None => format!(
+            "{start}, and light that goes there meets no other face: that solid is open, or the face is turned"
+        ),
         Some((to, there)) => format!(
             "{start}, and light that goes there meets {}, on whose side lies {}: a face is missing between them, or one is \
              turned",
@@ -80,8 +85,10 @@ fn listed(names: impl ExactSizeIterator<Item = String>) -> String {
 /// A table of all surfaces: which side is the front, and which media lie in front and behind.
 pub fn sides(ir: &SceneIr) -> String {
     let names: Vec<String> = (0..ir.surfaces.len()).map(|i| shown(&ir.surface_name(i))).collect();
-    let fronts: Vec<String> = ir.surfaces.iter().map(|surface| front_of(&surface.frame, &surface.shape)).collect();
-    let width = |texts: &[String]| texts.iter().map(|text| text.chars().count()).max().unwrap_or(0).max(8) + 2;
+    let fronts: Vec<String> =
+        ir.surfaces.iter().map(|surface| front_of(&surface.frame, &surface.shape)).collect();
+    let width =
+        |texts: &[String]| texts.iter().map(|text| text.chars().count()).max().unwrap_or(0).max(8) + 2;
     let (of_names, of_fronts) = (width(&names), width(&fronts));
     let mut text = format!("  {:<of_names$}{:<of_fronts$}in front -> behind\n", "surface", "front");
     for ((surface, name), front) in ir.surfaces.iter().zip(&names).zip(&fronts) {
@@ -158,14 +165,15 @@ fn weak_mirror(surface: &Surface, Scatter { fraction, bsdf }: &Scatter) -> Optio
     let scattered = fraction * if takes_level { level } else { 1.0 };
     let mirrored = 1.0 - fraction;
     let returned = reflectance(surface, 0) * (mirrored + scattered);
-    (fraction * level <= WEAK && returned >= MIRRORS).then(|| {
+    let is_perfect = reflectance(surface, 0) >= 1.0;
+    (is_perfect && fraction * level <= WEAK && returned >= MIRRORS).then(|| {
         let how = match mirrored >= scattered {
-            true => format!("{} % of it is mirrored without scatter", significant(100.0 * reflectance(surface, 0) * mirrored, 3)),
+            true => format!("{} % without scatter", significant(100.0 * mirrored, 3)),
             false => "all of it in the lobe, whose own level counts with \"scatter_fraction\": \"tis\" alone".into(),
         };
         format!(
-            "`{}` is a mirror and no black paint: {} % of the light comes back, {how}; for paint give the reflectance that the \
-             paint has, such as 0.05, or \"interaction\": \"absorbing\"",
+            "`{}` is a mirror and no black paint, for its reflectance is 1: {} % of the light comes back, {how}; for paint give \
+             the reflectance of the paint, such as 0.05, or \"interaction\": \"absorbing\"",
             shown(&surface.name),
             significant(100.0 * returned, 3)
         )
@@ -179,7 +187,8 @@ type Corners = (DVec3, DVec3);
 
 fn corners(ir: &SceneIr, frame: &Frame, shape: &Shape) -> Option<Corners> {
     let extent = shape.extent(&ir.meshes)?;
-    let (middle, reach) = (frame.rotation * extent.middle + frame.origin, extent.reach_along(&frame.rotation));
+    let (middle, reach) =
+        (frame.rotation * extent.middle + frame.origin, extent.reach_along(&frame.rotation));
     Some((middle - reach, middle + reach))
 }
 
@@ -187,11 +196,13 @@ fn corners(ir: &SceneIr, frame: &Frame, shape: &Shape) -> Option<Corners> {
 pub fn extents(ir: &SceneIr) -> Vec<String> {
     let surfaces = ir.surfaces.iter().filter_map(|surface| corners(ir, &surface.frame, &surface.shape));
     let near = ir.detectors.iter().filter(|detector| !matches!(detector.kind, DetectorKind::FarField(_)));
-    let detectors = near.filter_map(|detector| corners(ir, &detector.frame, &Shape::Plane(detector.outline())));
+    let detectors =
+        near.filter_map(|detector| corners(ir, &detector.frame, &Shape::Plane(detector.outline())));
     let sources = ir.sources.iter().map(|source| (source.frame.origin, source.frame.origin));
     let all = surfaces.chain(detectors).chain(sources);
     let whole = all.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
-    let mut lines: Vec<String> = whole.iter().map(|corners| format!("extent: {}", reaching(corners))).collect();
+    let mut lines: Vec<String> =
+        whole.iter().map(|corners| format!("extent: {}", reaching(corners))).collect();
     for surface in ir.surfaces.iter().filter(|surface| surface.shape.mesh().is_some()) {
         let Some(corners) = corners(ir, &surface.frame, &surface.shape) else { continue };
         lines.push(format!("mesh {}: {}", shown(&surface.name), reaching(&corners)));
@@ -207,4 +218,3 @@ fn reaching((low, high): &Corners) -> String {
         axes.map(|(axis, (low, high))| format!("{axis} {} to {}", number(low), number(high))).collect();
     format!("{size} mm ({})", spans.join(", "))
 }
-

@@ -4,7 +4,8 @@ use crate::Result;
 use crate::model::checks;
 use crate::model::mesh::Mesh;
 use crate::model::shapes::{
-    Entry, Extent, FrontSide, Geometry, Normal, Quadric, Shape, ShapeKind, ShapeWgsl, ring_samples, section_between,
+    Entry, Extent, FrontSide, Geometry, Normal, Quadric, Shape, ShapeKind, ShapeWgsl, ring_samples,
+    section_between,
 };
 use crate::shaders::shader;
 use glam::{DVec2, DVec3};

@@ -166,7 +166,10 @@ fn is_on_wrong_side(ir: &SceneIr, events: &[MainPathEvent], escapes: bool) -> bo
     let goes_wrong = |born: MediumId| {
         let mut medium = born;
         for event in events {
-            let Some(surface) = ir.surfaces.get(event.primitive).filter(|surface| is_boundary(surface)) else { continue };
+            let Some(surface) = ir.surfaces.get(event.primitive).filter(|surface| is_boundary(surface))
+            else {
+                continue;
+            };
             let Some(Crossing { entering_back, reflected }) = event.crossing else { return true };
             let [near, far] = match entering_back {
                 true => [surface.front, surface.back],
