@@ -37,7 +37,7 @@ fn scene(surfaces: &[Value]) -> SceneIr {
     let text = json!({
         "nsq_schema_version": 1,
         "components": [],
-        "sources": [{"type": "collimated", "name": "beam", "cs": {"z": -20}, "aperture_radius": 4, "total_flux": 1,
+        "sources": [{"type": "collimated", "name": "beam", "cs": {"z": -20}, "aperture_radius": 6, "total_flux": 1,
                      "spectrum": {"wavelengths": [0.55], "weights": [1]}}],
         "detectors": [{"type": "irradiance", "name": "far", "cs": {"z": 60}, "width": 200, "height": 200,
                        "num_pixels_x": 4, "num_pixels_y": 4}],
@@ -384,7 +384,7 @@ fn a_mesh_in_other_units_is_scaled_as_if_it_were_written_so() {
     let whole = mesh(&rod_mesh(0.001, Some(1000.0))).lower().unwrap();
     assert!(lines(&whole).contains("mesh rod: 60 x 10 x 10 mm (x 0 to 60,"), "{}", lines(&whole));
     for scale in [0.0, -1.0, 1e10] {
-        let surface = json!({"name": "rod", "shape": rod_mesh(1.0, Some(scale)), "interaction": "absorbing"});
+        let surface = json!({"name": "rod", "shape": rod_mesh(1.0, Some(scale)), "cs": {}, "interaction": "absorbing"});
         let error = Scene::from_json(&with_surface(surface)).unwrap_err().to_string();
         assert!(error.contains("nsq_gpu.surfaces[0].shape.scale"), "{error}");
     }
@@ -395,7 +395,7 @@ fn one_file_may_stand_in_a_scene_in_two_sizes() {
     let folder = tempfile::tempdir().unwrap();
     let stl = "solid s\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid s\n";
     std::fs::write(folder.path().join("part.stl"), stl).unwrap();
-    let surface = |name: &str, scale: f64| json!({"name": name, "shape": {"type": "mesh", "path": "part.stl", "scale": scale}, "interaction": "absorbing"});
+    let surface = |name: &str, scale: f64| json!({"name": name, "shape": {"type": "mesh", "path": "part.stl", "scale": scale}, "cs": {}, "interaction": "absorbing"});
     let mut text: Value = serde_json::from_str(&with_surface(surface("a", 1.0))).unwrap();
     text["nsq_gpu"]["surfaces"] = json!([surface("a", 1.0), surface("b", 25.4), surface("c", 25.4)]);
     let path = folder.path().join("scene.json");
