@@ -859,6 +859,10 @@ fn shader_prints_what_a_trace_compiles_and_where_it_comes_from() {
             let (origin, text) = part.split_once('\n').unwrap();
             if let Some(path) = origin.strip_prefix("shaders/") {
                 let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders").join(path);
+                // Where rays on wrong sides are looked for, other functions stand in the place of these.
+                let text = text
+                    .replace("fn pass_boundary(", "fn leave_boundary(")
+                    .replace("fn settle_end(", "fn settle(");
                 assert_eq!(text, format!("{}\n", std::fs::read_to_string(file).unwrap()), "{path}");
                 num_files += 1;
             } else {

@@ -698,13 +698,15 @@ fn flux_sums(tally: &Tally) -> impl Iterator<Item = FluxSum> {
     whole.into_iter().chain(surfaces).chain(tally.detectors.iter().map(|detector| detector.total()))
 }
 
-/// Every count: of sums, of hits in each cell, of surfaces reached, of underflows.
+/// Every count: of sums, of hits in each cell, of surfaces reached, of underflows, of rays on wrong sides.
 fn counts(tally: &Tally) -> Vec<u64> {
     let flux_sums = flux_sums(tally).map(|flux_sum| flux_sum.count);
     let hits = tally.detectors.iter().flat_map(|detector| detector.hits.iter().copied());
     let reached = tally.surfaces.iter().map(|surface| u64::from(surface.reached));
     let rest = [tally.medium_stack_underflows, tally.invalid_deposits];
-    flux_sums.chain(hits).chain(reached).chain(rest).collect()
+    let wrong = tally.surfaces.iter().flat_map(|surface| [surface.entered_twice, surface.ended_inside]);
+    let inside = tally.detectors.iter().map(|detector| detector.ended_inside);
+    flux_sums.chain(hits).chain(reached).chain(rest).chain(wrong).chain(inside).collect()
 }
 
 #[test]

@@ -119,8 +119,9 @@ fn everything() -> (SceneIr, Tally) {
     (tally.detectors[2].quanta[5], tally.detectors[2].hits[5]) = (100 * WEIGHT, 100);
     tally.detectors[3].recorded = flux_sum(3, 3);
     tally.detectors[3].rows = vec![row(9, 2, 1.0), row(3, 1, 0.5), row(3, 4, 1.5)];
-    tally.surfaces[0] = SurfaceTally { reached: true, absorbed: flux_sum(200, 200) };
-    tally.surfaces[1] = SurfaceTally { reached: true, absorbed: flux_sum(80, 40) };
+    tally.surfaces[0] =
+        SurfaceTally { reached: true, absorbed: flux_sum(200, 200), ..SurfaceTally::default() };
+    tally.surfaces[1] = SurfaceTally { reached: true, absorbed: flux_sum(80, 40), ..SurfaceTally::default() };
     tally.bulk = flux_sum(60, 10);
     tally.escaped = flux_sum(310, 310);
     tally.depth_killed = flux_sum(20, 20);
@@ -386,9 +387,12 @@ fn oracle_tally(ir: &SceneIr, oracle: &Value) -> Tally {
     tally.escaped = FluxSum { count: count("num_rays_escaped"), quanta: halves("escaped") };
     tally.depth_killed = FluxSum { count: count("num_rays_depth_killed"), quanta: halves("depth") };
     let absorbed = FluxSum { count: count("num_rays_absorbed"), quanta: halves("stop") };
-    tally.surfaces[0] = SurfaceTally { reached: true, absorbed };
-    tally.surfaces[2] =
-        SurfaceTally { reached: true, absorbed: FluxSum { count: 0, quanta: halves("mirror") } };
+    tally.surfaces[0] = SurfaceTally { reached: true, absorbed, ..SurfaceTally::default() };
+    tally.surfaces[2] = SurfaceTally {
+        reached: true,
+        absorbed: FluxSum { count: 0, quanta: halves("mirror") },
+        ..SurfaceTally::default()
+    };
     for (index, name) in ["tap", "spectral", "far"].into_iter().enumerate() {
         let cells = oracle["half_units"][name].as_array().unwrap();
         tally.detectors[index].quanta =
@@ -991,7 +995,8 @@ mod addition {
         ) -> DetectorTally {
             let rows = ids.into_iter().map(|ray_id| row(ray_id, 0, 1.0)).collect();
             let (quanta, hits) = cells.into_iter().unzip();
-            DetectorTally { quanta, hits, recorded, rows, ..DetectorTally::default() }
+            let ended_inside = recorded.count;
+            DetectorTally { quanta, hits, recorded, rows, ended_inside, ..DetectorTally::default() }
         }
     }
 
@@ -1007,7 +1012,7 @@ mod addition {
                 launched: flux_sums[0],
                 rays: RaySet::default(),
                 detectors,
-                surfaces: surfaces.map(|(reached, absorbed)| SurfaceTally { reached, absorbed }).collect(),
+                surfaces: surfaces.map(|(reached, absorbed)| SurfaceTally { reached, absorbed, entered_twice: counts.0, ended_inside: counts.1 }).collect(),
                 escaped: flux_sums[1],
                 depth_killed: flux_sums[2],
                 roulette_loss: flux_sums[3],
@@ -1057,6 +1062,8 @@ mod addition {
                 t.launched, t.escaped, t.depth_killed, t.roulette_loss, t.roulette_gain, t.bulk, t.importance_loss,
                 t.importance_gain, t.coating, t.bsdf_loss, t.bsdf_gain, t.detectors[1].recorded, t.detectors[0].total(), t.surfaces[1].absorbed,
                 FluxSum { count: t.medium_stack_underflows, quanta: t.invalid_deposits.into() },
+                FluxSum { count: t.surfaces[1].entered_twice, quanta: t.surfaces[0].ended_inside.into() },
+                FluxSum { count: t.detectors[0].ended_inside, quanta: t.detectors[1].ended_inside.into() },
                 FluxSum { count: t.detectors[1].hits[2], quanta: t.detectors[1].quanta[2] },
             ];
             for ((total, mut one), other) in fields(&sum).into_iter().zip(fields(&a)).zip(fields(&b)) {

@@ -292,10 +292,17 @@ fn degrees_for_radians_are_reported_wherever_a_rotation_stands() {
         warnings.into_iter().filter(|warning| warning.contains("rotations are in radians")).collect()
     };
     for (i, name) in ["M", "S", "D", "R"].into_iter().enumerate() {
-        assert_eq!(told(i, r#""cs": {"z": 5, "rx": 6.28, "ry": -3.2}"#), Vec::<String>::new(), "{name}");
+        assert_eq!(
+            told(i, r#""cs": {"z": 5, "rx": 6.28, "ry": -3.17, "rz": 1.5}"#),
+            Vec::<String>::new(),
+            "{name}"
+        );
         for (cs, words) in [
             (r#""cs": {"rx": 45}"#, "is rotated by 45 rad"),
             (r#""cs": {"rz": -90, "z": 5}"#, "is rotated by -90 rad"),
+            (r#""cs": {"rx": 5}"#, "is rotated by 5 rad"),
+            (r#""cs": {"ry": -2}"#, "is rotated by -2 rad"),
+            (r#""cs": {"reference_cs": {"rx": 2.5}}"#, "is rotated by 2.5 rad"),
             (r#""cs": {"reference_cs": {"ry": 90}}"#, "is rotated by 90 rad"),
             (r#""cs": {"reference_cs": {"reference_cs": {"rx": 30}}}"#, "is rotated by 30 rad"),
         ] {

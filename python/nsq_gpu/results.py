@@ -68,6 +68,9 @@ class LedgerDiagnostics(Diagnostics):
     #: Flux that came to detectors that end rays, by paths that a filter does not keep [W]. It is not lost, and
     #: ``flux_conservation_error`` does not count it.
     flux_filtered_out: float = 0.0
+    #: Rays that took the inside of a solid for its outside: ``entered_twice`` and ``ended_inside`` by the names of
+    #: surfaces and detectors, and ``warnings``. Empty where there are none.
+    wrong_sides: Json = dataclasses.field(default_factory=dict)
 
     @property
     def ledger_closes(self) -> bool:
@@ -77,6 +80,7 @@ class LedgerDiagnostics(Diagnostics):
     def warnings(self) -> list[str]:
         """Return Optiland's warnings; of the energy, those of the ledger."""
         said = Diagnostics.warnings(dataclasses.replace(self, flux_conservation_error=0.0))
+        said = [*said, *self.wrong_sides.get("warnings", [])]
         return said if self.ledger_closes else [self._ledger(), *said]
 
     def report(self) -> str:
@@ -252,6 +256,7 @@ def _diagnostics(scene: NSQScene, report: Json, detectors: dict[str, Any]) -> An
         flux_only_in_ledger={what: ledger[key]["flux"] for key, what in _ONLY_IN_LEDGER.items()
                              if ledger[key]["flux"] > 0.0},
         flux_filtered_out=ledger["filtered_out"]["flux"],
+        wrong_sides=said.get("wrong_sides", {}),
     )
 
 

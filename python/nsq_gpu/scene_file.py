@@ -385,8 +385,12 @@ def _mesh(spec: Json, folder: Path) -> MeshGeometry:
     import trimesh
 
     if spec.get("path") is not None:
-        return MeshGeometry(trimesh.load_mesh(folder / spec["path"], process=False))
-    return MeshGeometry(trimesh.Trimesh(spec["vertices"], spec["faces"], process=False))
+        mesh = trimesh.load_mesh(folder / spec["path"], process=False)
+    else:
+        mesh = trimesh.Trimesh(spec["vertices"], spec["faces"], process=False)
+    if spec.get("scale") is not None:
+        mesh.apply_scale(spec["scale"])
+    return MeshGeometry(mesh)
 
 
 def _add_source(scene: NSQScene, spec: Json, materials: Materials) -> None:

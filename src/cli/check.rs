@@ -2,6 +2,7 @@
 
 use crate::error::Result;
 use crate::format::{path_text, shown};
+use crate::scene::notes;
 use std::fmt::Write;
 use std::path::PathBuf;
 
@@ -10,6 +11,10 @@ use std::path::PathBuf;
 pub struct Args {
     /// The scene file.
     scene: PathBuf,
+    /// Print which side of each surface is its front, and which media lie in front and behind. Example: nsq-gpu check
+    /// lens.json --sides
+    #[arg(long)]
+    sides: bool,
 }
 
 /// Returns what the scene holds, and its warnings.
@@ -27,6 +32,15 @@ pub fn run(args: &Args) -> Result<String> {
     let wavelengths: Vec<String> = ir.wavelengths.iter().map(|w| format!("{w} um")).collect();
     let _ = writeln!(text, "  wavelengths ({}): {}", wavelengths.len(), wavelengths.join(", "));
     let _ = writeln!(text, "  max_depth: {}, unless given", crate::model::depth::of_scene(&ir));
+    for line in notes::extents(&ir) {
+        let _ = writeln!(text, "  {line}");
+    }
+    if args.sides {
+        text.push_str(&notes::sides(&ir));
+    }
+    for note in notes::of(&ir) {
+        let _ = writeln!(text, "  note: {note}");
+    }
     for warning in scene.warnings.iter().chain(&scene.f32_warnings) {
         let _ = writeln!(text, "  warning: {warning}");
     }

@@ -196,6 +196,21 @@ impl<'a> Intake<'a> {
             };
             surface.absorbed += absorbed;
         }
+        if let Some(first) = layout.cells.wrong_sides {
+            let counts = &counters[layout.other_counter(first)..];
+            let (entered, ended) = counts.split_at(tally.surfaces.len());
+            let (on_surfaces, on_detectors) = ended.split_at(tally.surfaces.len());
+            for (surface, (entered, ended)) in tally.surfaces.iter_mut().zip(entered.iter().zip(on_surfaces))
+            {
+                surface.entered_twice += entered;
+                surface.ended_inside += ended;
+            }
+            tally
+                .detectors
+                .iter_mut()
+                .zip(on_detectors)
+                .for_each(|(detector, ended)| detector.ended_inside += ended);
+        }
         let saturated = layout.cells.saturated.map(|counter| layout.other_counter(counter));
         tally.split_budget_saturated |= saturated.is_some_and(|counter| counters[counter] != 0);
         if let Some(filtered) = layout.cells.filtered {
@@ -233,6 +248,7 @@ mod tests {
             reached: 17,
             filtered: None,
             saturated: Some(20),
+            wrong_sides: None,
             num_counters: 21,
             moments: None,
             replicates: None,

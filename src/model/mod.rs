@@ -22,6 +22,7 @@ pub mod ray_id;
 mod rows;
 pub mod sequence;
 pub mod shapes;
+pub mod sides;
 pub mod sources;
 pub mod surface_optics;
 pub mod written;

@@ -50,3 +50,13 @@ pub fn least_share(ir: &SceneIr) -> f64 {
 pub fn splits(ir: &SceneIr) -> bool {
     ir.sampling.split_depth > 0 && ir.surfaces.iter().any(|s| s.interaction == Interaction::Refractive)
 }
+
+/// True if two media border on each other somewhere.
+pub fn has_boundaries(ir: &SceneIr) -> bool {
+    ir.surfaces.iter().any(is_boundary)
+}
+
+/// True if a ray that passes the surface comes into another medium.
+pub fn is_boundary(surface: &Surface) -> bool {
+    surface.interaction == Interaction::Refractive && surface.front != surface.back
+}

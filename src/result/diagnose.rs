@@ -2,6 +2,7 @@
 
 use crate::format::{percent, shown, significant, thousands};
 use crate::model::{SceneIr, depth};
+use crate::result::wrong_sides;
 use crate::result::{
     Detector, DetectorDiagnostic, DetectorTally, Diagnostics, StoppedBy, Tally, TraceResult, Uncertainty,
 };
@@ -90,6 +91,7 @@ impl Diagnostics {
                 .map(|detector| DetectorDiagnostic::new(detector, result.num_rays_total))
                 .collect(),
             medium_stack_underflows: tally.medium_stack_underflows,
+            wrong_sides: wrong_sides::of(ir, tally),
             split_budget_saturated: tally.split_budget_saturated,
             stage_times: result.run.stage_times.clone(),
             warnings: Vec::new(),
@@ -123,6 +125,7 @@ impl Diagnostics {
             detector.data.result().warning(&shown(&detector.name), detector.num_rays_hit)
         }));
         warnings.extend(self.underflows());
+        warnings.extend(self.wrong_sides.iter().flat_map(|found| found.warnings.iter().cloned()));
         warnings.extend(self.saturated());
         grave.extend(unfinished);
         (self.warnings, self.grave) = (warnings, grave);

@@ -1,6 +1,7 @@
 //! Signs that a result should be read with care: Optiland's figures, and those of the exact ledger.
 
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 
 use crate::result::StageTime;
 
@@ -23,6 +24,17 @@ pub struct DetectorDiagnostic {
     pub rays_needed_for_5pct: Option<u64>,
 }
 
+/// Rays that took the inside of a solid for its outside, and what that means.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct WrongSides {
+    /// By surface, how often it let a ray pass into the medium in which the ray already was.
+    pub entered_twice: BTreeMap<String, u64>,
+    /// By detector, or by the surface that they left last: rays that ended in a medium in which they were not born.
+    pub ended_inside: BTreeMap<String, u64>,
+    /// The sentences on them, which stand among all warnings as well.
+    pub warnings: Vec<String>,
+}
+
 /// Optiland's `Diagnostics`, field by field, and the warnings that follow.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Diagnostics {
@@ -38,6 +50,9 @@ pub struct Diagnostics {
     pub detectors: Vec<DetectorDiagnostic>,
     /// Rays that left a solid which they had never entered.
     pub medium_stack_underflows: u64,
+    /// Rays that took the inside of a solid for its outside; left out where there are none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wrong_sides: Option<WrongSides>,
     /// True if some launched ray had no more rays in its budget where it was to be split: there branches were drawn.
     pub split_budget_saturated: bool,
     /// What the stages took on the device; left out unless they were timed.

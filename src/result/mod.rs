@@ -39,12 +39,13 @@ mod tally_check;
 mod text;
 mod trace_result;
 pub mod uncertainty;
+mod wrong_sides;
 
 pub use crate::result::detector::Detector;
 pub use crate::result::detectors::{
     DetectorData, FarFieldPattern, IrradianceMap, RayColumns, RayDatabase, SpectralMap,
 };
-pub use crate::result::diagnostics::{DetectorDiagnostic, Diagnostics};
+pub use crate::result::diagnostics::{DetectorDiagnostic, Diagnostics, WrongSides};
 pub use crate::result::difference::{DetectorDifference, FluxDifference, MapDifference, SceneDifference};
 pub use crate::result::flux_unit::FluxUnit;
 pub use crate::result::gradients::{Gradient, WithEdges};

@@ -92,6 +92,8 @@ pub struct DetectorTally {
     /// Derivatives of deposits that no sum can hold.
     #[serde(skip)]
     pub lost_tangents: u64,
+    /// Rays that ended there in a medium in which they were not born.
+    pub ended_inside: u64,
 }
 
 /// First and second moment over primary rays.
@@ -110,6 +112,10 @@ pub struct SurfaceTally {
     pub reached: bool,
     /// Rays that ended there (absorbing surfaces), or events with a loss (mirrors), and what they left there.
     pub absorbed: FluxSum,
+    /// Times that the surface let a ray pass into the medium in which the ray already was.
+    pub entered_twice: u64,
+    /// Rays that left the surface last, and escaped in a medium in which they were not born.
+    pub ended_inside: u64,
 }
 
 /// One row of a ray database, in global coordinates.
@@ -173,6 +179,7 @@ impl AddAssign<&DetectorTally> for DetectorTally {
         add_cells(&mut self.replicates, &other.replicates);
         add_cells(&mut self.tangents, &other.tangents);
         self.lost_tangents += other.lost_tangents;
+        self.ended_inside += other.ended_inside;
     }
 }
 
@@ -187,6 +194,8 @@ impl AddAssign for SurfaceTally {
     fn add_assign(&mut self, other: Self) {
         self.reached |= other.reached;
         self.absorbed += other.absorbed;
+        self.entered_twice += other.entered_twice;
+        self.ended_inside += other.ended_inside;
     }
 }
 

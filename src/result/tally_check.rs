@@ -153,6 +153,10 @@ impl Tally {
             quanta.add([sum.quanta]);
         }
         counts.add([self.medium_stack_underflows, self.invalid_deposits].map(u128::from));
+        let on_surfaces =
+            self.surfaces.iter().flat_map(|surface| [surface.entered_twice, surface.ended_inside]);
+        let on_detectors = self.detectors.iter().map(|detector| detector.ended_inside);
+        counts.add(on_surfaces.chain(on_detectors).map(u128::from));
         for detector in &self.detectors {
             counts.add(detector.hits.iter().map(|&hits| hits.into()));
             quanta.add(detector.quanta.iter().chain(&detector.replicates).copied());

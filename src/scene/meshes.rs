@@ -35,7 +35,8 @@ pub(super) struct Meshes {
     /// Each once, however often it is placed.
     pub meshes: Vec<Mesh>,
     placed: HashMap<usize, Placed>,
-    files: HashMap<PathBuf, Placed>,
+    /// By path, and the bits of the scale.
+    files: HashMap<(PathBuf, u64), Placed>,
     by_hash: HashMap<u64, Vec<Placed>>,
     /// What refractive surfaces ask of a mesh.
     solids: HashMap<usize, Solid>,
@@ -74,25 +75,27 @@ impl Meshes {
         warnings: &mut Vec<String>,
     ) -> Result<Option<Placed>> {
         let Shape::Mesh(written) = &raw.shape else { return Ok(None) };
-        let mesh::Written { path, vertices, faces } = written;
+        let mesh::Written { path, vertices, faces, scale } = written;
+        let scale = scale.unwrap_or(1.0);
         let placed = match (path, vertices, faces) {
             (Some(path), None, None) => {
                 let path = folder.join(path);
-                if let Some(known) = self.files.get(&path) {
+                let key = (path.clone(), scale.to_bits());
+                if let Some(known) = self.files.get(&key) {
                     return Ok(Some(*known));
                 }
                 let place_of_path = key_of(place, "path");
                 let MeshFile { mesh, lacks_end } = mesh_files::read(&path, &place_of_path)?;
-                let placed = self.add(mesh, raw, place, warnings)?;
+                let placed = self.add(scaled(mesh, scale), raw, place, warnings)?;
                 if lacks_end {
                     warnings.push(self.cut_off(placed, &path, &place_of_path)?);
                 }
-                self.files.insert(path, placed);
+                self.files.insert(key, placed);
                 placed
             }
             (None, Some(vertices), Some(faces)) => {
                 let vertices = vertices.iter().copied().map(DVec3::from_array).collect();
-                self.add(Mesh { vertices, faces: faces.clone() }, raw, place, warnings)?
+                self.add(scaled(Mesh { vertices, faces: faces.clone() }, scale), raw, place, warnings)?
             }
             _ => {
                 return Err(Error::scene(
@@ -159,6 +162,14 @@ impl Meshes {
         self.meshes.push(mesh);
         Ok(placed)
     }
+}
+
+/// The mesh in other units.
+fn scaled(mut mesh: Mesh, scale: f64) -> Mesh {
+    if scale != 1.0 {
+        mesh.vertices.iter_mut().for_each(|vertex| *vertex *= scale);
+    }
+    mesh
 }
 
 fn check(mesh: &Mesh, place: &str) -> Result<()> {

@@ -16,6 +16,7 @@ pub mod materials;
 mod media;
 mod mesh_files;
 mod meshes;
+pub mod notes;
 #[allow(clippy::wildcard_enum_match_arm, reason = "JSON's kinds of values are not the scene's")]
 pub(crate) mod parameters;
 pub mod path_filter;

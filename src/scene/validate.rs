@@ -262,7 +262,15 @@ fn check_total_flux(file: &SceneFile) -> Result<()> {
     refuse("sources[0].total_flux", "no source emits any flux", "give at least one source a flux above 0 W")
 }
 
-/// Full turns in radians are degrees by mistake, more often than not: of a frame, or of one that it is chained to.
+/// Angles that are degrees by mistake, more often than not: more than a full turn in radians, and round numbers of 2 or
+/// more, such as 5 or 2.5, which are no round part of a turn.
+fn is_like_degrees(angle: f64) -> bool {
+    const ROUND: f64 = 1e-9;
+    let tenths = 10.0 * angle.abs();
+    angle.abs() > std::f64::consts::TAU || (tenths >= 20.0 && (tenths - tenths.round()).abs() < ROUND)
+}
+
+/// Says where a rotation looks like degrees: of a frame, or of one that it is chained to.
 fn warn_of_degrees(file: &SceneFile, warnings: &mut Vec<String>) {
     let components = file.components.iter().map(|component| (component.name(), component.cs()));
     let surfaces = file.nsq_gpu.iter().flat_map(|block| &block.surfaces);
@@ -273,7 +281,7 @@ fn warn_of_degrees(file: &SceneFile, warnings: &mut Vec<String>) {
         let chain = std::iter::successors(Some(cs), |cs| cs.reference_cs.as_deref());
         let mut angles =
             chain.enumerate().flat_map(|(links, cs)| [cs.rx, cs.ry, cs.rz].map(|angle| (links, angle)));
-        if let Some((links, angle)) = angles.find(|(_, angle)| angle.abs() > std::f64::consts::TAU) {
+        if let Some((links, angle)) = angles.find(|(_, angle)| is_like_degrees(*angle)) {
             let turned =
                 if links == 0 { quoted(name) } else { format!("a reference_cs of {}", quoted(name)) };
             warnings.push(format!(

@@ -21,7 +21,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Version of the format.
-pub const FORMAT: u32 = 4;
+pub const FORMAT: u32 = 5;
 
 const HEADER_BYTES: usize = 24;
 
@@ -420,7 +420,7 @@ mod tests {
     fn another_format_is_named() {
         let mut bytes = checkpoint().to_bytes().unwrap();
         bytes[8] = 99;
-        assert_eq!(decode(&bytes).unwrap_err(), "is of format 99; this program reads format 4");
+        assert_eq!(decode(&bytes).unwrap_err(), "is of format 99; this program reads format 5");
         assert!(decode(b"PK and more than twenty-four bytes").unwrap_err().contains("no file of sums"));
     }
 

@@ -134,12 +134,21 @@ impl Bench {
 
     fn edit(&self, wgsl: String) -> String {
         let Some(mutant) = self.mutant else { return wgsl };
-        let (original, mutated) = (mutant.original(), mutant.mutated());
-        if wgsl.contains(&original) {
-            self.mutated.set(true);
+        let whole = (mutant.original(), mutant.mutated());
+        let renamed = (with_sides(&whole.0), with_sides(&whole.1));
+        for (original, mutated) in [whole, renamed] {
+            if wgsl.contains(&original) {
+                self.mutated.set(true);
+                return wgsl.replace(&original, &mutated);
+            }
         }
-        wgsl.replace(&original, &mutated)
+        wgsl
     }
+}
+
+/// A file as it stands where rays on wrong sides are looked for: other functions have the names of some of its own.
+fn with_sides(text: &str) -> String {
+    text.replace("fn leave_boundary(", "fn pass_boundary(").replace("fn settle(", "fn settle_end(")
 }
 
 /// The folder of the project.

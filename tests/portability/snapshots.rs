@@ -33,7 +33,10 @@ fn collect(folder: &Path, shaders: &Path, files: &mut Vec<(String, String)>) {
 fn abridged(wgsl: &str) -> String {
     let abridge = |text: String, (path, file): (String, String)| {
         let named = format!("// ==== shaders/{path}\n{file}\n");
-        text.replace(&named, &format!("// <- shaders/{path}\n"))
+        // Where other functions stand in the place of some of the file's, these have other names.
+        let renamed = named.replace("fn leave_boundary(", "fn pass_boundary(").replace("fn settle(", "fn settle_end(");
+        let text = text.replace(&named, &format!("// <- shaders/{path}\n"));
+        text.replace(&renamed, &format!("// <- shaders/{path}, renamed\n"))
     };
     shader_files().into_iter().fold(wgsl.to_string(), abridge)
 }

@@ -4,7 +4,7 @@ use crate::Result;
 use crate::model::checks;
 use crate::model::mesh::Mesh;
 use crate::model::shapes::{
-    Entry, Extent, Geometry, Normal, Quadric, Shape, ShapeKind, ShapeWgsl, Slab, ring_samples,
+    Entry, Extent, FrontSide, Geometry, Normal, Quadric, Shape, ShapeKind, ShapeWgsl, Slab, ring_samples,
 };
 use crate::shaders::shader;
 use glam::{DVec2, DVec3};
@@ -80,6 +80,10 @@ impl Entry for Frustum {
 impl Geometry for Frustum {
     fn kind(&self) -> ShapeKind {
         ShapeKind::Frustum
+    }
+
+    fn front_side(&self) -> FrontSide {
+        FrontSide::Inside
     }
 
     fn arguments(&self) -> Vec<f64> {

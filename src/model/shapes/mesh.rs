@@ -1,7 +1,8 @@
 //! A triangle mesh of the scene, where a surface places it.
 
+use crate::model::checks;
 use crate::model::mesh::Mesh;
-use crate::model::shapes::{Entry, Extent, Geometry, Normal, Shape, ShapeKind, ShapeWgsl};
+use crate::model::shapes::{Entry, Extent, FrontSide, Geometry, Normal, Shape, ShapeKind, ShapeWgsl};
 use crate::shaders::shader;
 use crate::{Error, Result};
 use glam::DVec3;
@@ -30,12 +31,15 @@ pub struct Written {
     /// Indices into the vertices, counter-clockwise seen from outside.
     #[serde(default)]
     pub faces: Option<Vec<[u32; 3]>>,
+    /// Factor of all coordinates, such as 1000 for a file in metres. 1 where it is left out.
+    #[serde(default)]
+    pub scale: Option<f64>,
 }
 
 impl Entry for Written {
-    /// It is checked where it is read.
-    fn check(&self, _: &dyn Fn(&str) -> String) -> Result<()> {
-        Ok(())
+    /// The rest is checked where it is read.
+    fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
+        self.scale.map_or(Ok(()), |scale| checks::between(at("scale"), scale, 1e-9, 1e9))
     }
 
     fn shape(&self, place: &str, mesh: Option<usize>) -> Result<Shape> {
@@ -47,6 +51,10 @@ impl Entry for Written {
 impl Geometry for MeshId {
     fn kind(&self) -> ShapeKind {
         ShapeKind::Mesh
+    }
+
+    fn front_side(&self) -> FrontSide {
+        FrontSide::Inside
     }
 
     fn arguments(&self) -> Vec<f64> {

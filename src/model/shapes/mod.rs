@@ -193,6 +193,11 @@ pub trait Geometry: std::fmt::Debug {
         None
     }
 
+    /// On which side of it the front is: the geometric normal points away from there.
+    fn front_side(&self) -> FrontSide {
+        FrontSide::Below
+    }
+
     /// True if it bounds a volume alone.
     fn is_closed(&self) -> bool {
         false
@@ -233,6 +238,17 @@ pub trait Geometry: std::fmt::Debug {
         let all = self.quadric().into_iter().flat_map(|quadric| quadric.crossings(o, d));
         all.filter(|t| t.is_finite() && self.holds(o + *t * d)).collect()
     }
+}
+
+/// On which side of a shape its front is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FrontSide {
+    /// Where local z falls: rays that travel along +z come from there.
+    Below,
+    /// Outside of what the shape encloses.
+    Outside,
+    /// Inside of what the shape encloses.
+    Inside,
 }
 
 /// Two planes across z.

@@ -4,7 +4,8 @@ use crate::Result;
 use crate::model::checks;
 use crate::model::mesh::Mesh;
 use crate::model::shapes::{
-    Entry, Extent, Geometry, Normal, Quadric, Shape, ShapeKind, ShapeWgsl, ring_samples, section_between,
+    Entry, Extent, FrontSide, Geometry, Normal, Quadric, Shape, ShapeKind, ShapeWgsl, ring_samples,
+    section_between,
 };
 use crate::shaders::shader;
 use glam::{DVec2, DVec3};
@@ -58,6 +59,10 @@ impl Entry for Sphere {
 impl Geometry for Sphere {
     fn kind(&self) -> ShapeKind {
         ShapeKind::Sphere
+    }
+
+    fn front_side(&self) -> FrontSide {
+        FrontSide::Outside
     }
 
     fn arguments(&self) -> Vec<f64> {

@@ -4,7 +4,7 @@ use crate::error::{Error, Result};
 use crate::model::detectors::grid::GridRow;
 use crate::model::primitives::primitives;
 use crate::model::shapes::Quadric;
-use crate::model::surface_optics::{coating_pass, reflectance, splits};
+use crate::model::surface_optics::{coating_pass, has_boundaries, reflectance, splits};
 use crate::model::{Detector, Frame, Interaction, Medium, SceneIr, Splat};
 use crate::program::features::Features;
 use crate::program::geometry::contact::{self, Contacts};
@@ -33,7 +33,10 @@ pub struct Cells {
     pub reached: u32,
     /// The counter that tells whether splitting wanted more rays than the budget; behind the primitives'.
     pub saturated: Option<u32>,
-    /// Number of counters: one a cell, one a primitive, and that of splitting.
+    /// First of the counters of rays on the wrong side, where media border on each other: one a surface for rays that enter
+    /// a medium twice, then one a primitive for rays that end inside (shaders/optics/wrong_sides.wgsl).
+    pub wrong_sides: Option<u32>,
+    /// Number of counters: one a cell, one a primitive, that of splitting, and those of wrong sides.
     pub num_counters: u32,
     /// Where the second moments lie, if they are summed on the device.
     pub moments: Option<MomentCells>,
@@ -106,7 +109,9 @@ impl Cells {
             .collect();
         let primitives = (ir.surfaces.len() + ir.detectors.len()) as u32;
         let saturated = splits(ir).then_some(next + primitives);
-        let num_counters = next + primitives + u32::from(saturated.is_some());
+        let behind = next + primitives + u32::from(saturated.is_some());
+        let wrong_sides = has_boundaries(ir).then_some(behind);
+        let num_counters = behind + wrong_sides.map_or(0, |_| ir.surfaces.len() as u32 + primitives);
         Cells {
             surfaces,
             filtered: None,
@@ -114,6 +119,7 @@ impl Cells {
             num_cells: next,
             reached: next,
             saturated,
+            wrong_sides,
             num_counters,
             moments: None,
             replicates: None,
@@ -133,6 +139,7 @@ impl Cells {
             num_cells: self.num_cells + 1,
             reached: self.reached + 1,
             saturated: self.saturated.map(|counter| counter + 1),
+            wrong_sides: self.wrong_sides.map(|counter| counter + 1),
             num_counters: self.num_counters + 1,
             num_sums: self.num_sums + 1,
             ..self
@@ -156,6 +163,7 @@ impl Cells {
             num_cells: self.num_cells + more,
             reached: self.reached + more,
             saturated: self.saturated.map(|counter| counter + more),
+            wrong_sides: self.wrong_sides.map(|counter| counter + more),
             num_counters: self.num_counters + more,
             replicates: Some(ReplicateCells { stride, num, are_tangents: false }),
             num_sums: self.num_sums + more,
@@ -225,7 +233,7 @@ pub enum ReachedMarks {
 impl Cells {
     /// How surfaces are marked that were reached.
     pub fn reached_marks(&self, features: &Features, baked: bool) -> ReachedMarks {
-        let num_primitives = self.saturated.unwrap_or(self.num_counters) - self.reached;
+        let num_primitives = self.saturated.or(self.wrong_sides).unwrap_or(self.num_counters) - self.reached;
         match (features.refractive || features.reflective, baked && num_primitives <= u32::BITS) {
             (false, _) => ReachedMarks::None,
             (true, true) => ReachedMarks::Bits,

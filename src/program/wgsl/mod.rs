@@ -14,3 +14,4 @@ mod search;
 pub mod text;
 mod trees;
 pub(crate) mod variants;
+mod wrong_sides;

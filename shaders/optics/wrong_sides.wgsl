@@ -1,0 +1,26 @@
+// Looks for solids whose faces do not agree on what is inside. The functions here stand in the place of those of the
+// loop that have the same names. Those are then called `pass_boundary` and `settle_end` (program::wgsl::wrong_sides).
+// Scenes without boundaries between media are traced without this file.
+//
+// A ray that a face lets pass into the medium in which it already is has come from the wrong side. Either that face is
+// turned inside out, or a solid before it is open. A ray that ends in a medium in which it was not born has left a
+// solid by no face. An absorber may bound a solid, and other fates may come anywhere, so that these ends tell nothing.
+
+fn leave_boundary(ray: ptr<function, Ray>, surface: Surface, entering_back: bool, reflects: bool) {
+    let near = select(surface.back, surface.front, entering_back);
+    let far = select(surface.front, surface.back, entering_back);
+    if !reflects & ((*ray).medium == far) & (near != far) {
+        count(COUNTER_ENTERED_TWICE + (*ray).last);
+    }
+    pass_boundary(ray, surface, entering_back, reflects);
+}
+
+fn settle(ray: Ray) {
+    let ends_anywhere = (ray.fate == DETECTED) | (ray.fate == ESCAPED);
+    if ends_anywhere & (ray.medium != 0u) & (ray.last != NONE) {
+        if ray.medium != source().medium {
+            count(COUNTER_ENDED_INSIDE + ray.last);
+        }
+    }
+    settle_end(ray);
+}

@@ -1,0 +1,23 @@
+//! Has the loop count rays that take the inside of a solid for its outside (shaders/optics/wrong_sides.wgsl).
+
+use crate::program::wgsl::composition::Composition;
+use crate::program::wgsl::constants::Constants;
+use crate::program::wgsl::text::Text;
+use crate::shaders::shader;
+
+/// Functions of the loop whose place those of the file take.
+const REPLACED: [(&str, &str); 2] =
+    [("fn leave_boundary(", "fn pass_boundary("), ("fn settle(", "fn settle_end(")];
+
+impl Composition<'_> {
+    /// Adds the search where media border on each other. Derivatives are of light whose trace has told already.
+    pub(super) fn look_for_wrong_sides(&self, text: &mut Text) {
+        let Some(first) = self.cells.wrong_sides.filter(|_| !self.options.has_derivatives()) else { return };
+        REPLACED.iter().for_each(|(before, after)| text.rename(before, after));
+        text.file(shader!("optics/wrong_sides.wgsl"));
+        let mut constants = Constants::default();
+        constants.uint("COUNTER_ENTERED_TWICE", first);
+        constants.uint("COUNTER_ENDED_INSIDE", first + self.ir.surfaces.len() as u32);
+        text.composed("program::wgsl::wrong_sides", constants.text());
+    }
+}
