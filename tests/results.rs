@@ -632,7 +632,7 @@ fn files_of_the_result_before_go_and_others_stay() {
     nsq_gpu::result::output::write(
         &folder,
         &smaller,
-        &nsq_gpu::result::output::Extras { pictures: false, tally: None },
+        &nsq_gpu::result::output::Extras { pictures: None, tally: None },
     )
     .unwrap();
     assert_eq!(listing(&folder), ["map.npz", "notes.npz", "report.json"]);

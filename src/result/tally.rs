@@ -7,7 +7,7 @@ use std::ops::AddAssign;
 use serde::{Deserialize, Serialize};
 
 use crate::model::{Detector, SceneIr};
-use crate::result::{PathTally, RaySet};
+use crate::result::{PathTally, QUANTA_PER_WEIGHT, RaySet};
 
 /// Number of events and the quanta that they took.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -16,6 +16,13 @@ pub struct FluxSum {
     pub count: u64,
     /// Sum of weight before minus weight after \[quanta\].
     pub quanta: u128,
+}
+
+impl FluxSum {
+    /// The mean weight of an event; that of one new ray where there is none.
+    pub(crate) fn mean_weight(&self) -> f64 {
+        if self.count == 0 { 1.0 } else { self.quanta as f64 / QUANTA_PER_WEIGHT / self.count as f64 }
+    }
 }
 
 /// The sums of a range of rays. Adding the tallies of two disjoint ranges gives the tally of both, bit for bit, however

@@ -1,8 +1,8 @@
 //! The points of a sweep, as JSON, as comma-separated values, and as tables for people.
 
 use crate::cli::sweep::values::Numbers;
-use crate::format::{csv_text, pretty_json, shown};
-use crate::result::TraceResult;
+use crate::format::{csv_text, digits_beside, pretty_json, shown, significant};
+use crate::result::{FewRays, TraceResult, few_rays};
 use serde_json::{Map, Value, json};
 use std::fmt::Write;
 
@@ -38,6 +38,8 @@ struct Flux {
     flux: f64,
     /// Its standard error \[W\], where that is known.
     error: Option<f64>,
+    /// What is known of a flux that rests on few rays.
+    few_rays: Option<FewRays>,
 }
 
 impl Traced {
@@ -46,6 +48,7 @@ impl Traced {
             name: detector.name.clone(),
             flux: detector.total_flux,
             error: detector.total_flux_standard_error,
+            few_rays: detector.few_rays,
         });
         let totals = [
             ("absorbed", result.total_flux_absorbed),
@@ -58,7 +61,7 @@ impl Traced {
             Some(_) => format!("{name} (total)"),
             None => name.into(),
         };
-        let totals = totals.map(|(name, flux)| Flux { name: label(name), flux, error: None });
+        let totals = totals.map(|(name, flux)| Flux { name: label(name), flux, error: None, few_rays: None });
         Traced {
             seed: result.run.seed,
             num_rays: result.num_rays_total,
@@ -78,7 +81,12 @@ impl Point {
         match &self.outcome {
             Ok(Traced { seed, num_rays, fluxes }) => {
                 let flux = |flux: &Flux| {
-                    (flux.name.clone(), json!({"flux": flux.flux, "standard_error": flux.error}))
+                    let mut entry = json!({"flux": flux.flux, "standard_error": flux.error});
+                    if let Some(few) = flux.few_rays {
+                        entry["rests_on"] = json!(few.rests_on);
+                        entry["upper_bound_95"] = json!(few.upper_bound_95);
+                    }
+                    (flux.name.clone(), entry)
                 };
                 let fluxes: Map<String, Value> = fluxes.iter().map(flux).collect();
                 json!({"index": self.index, "set": numbers, "seed": seed, "num_rays": num_rays, "fluxes": fluxes})
@@ -159,6 +167,9 @@ impl Points {
             columns.push(column(ColumnKind::Flux, name, &flux));
             let errors = column(ColumnKind::Error, name, &error);
             columns.extend(errors.values.iter().any(Option::is_some).then_some(errors));
+            let bound = |point: &Point| Some(point.traced()?.fluxes[i].few_rays?.upper_bound_95);
+            let bounds = column(ColumnKind::Bound, name, &bound);
+            columns.extend(bounds.values.iter().any(Option::is_some).then_some(bounds));
         }
         columns
     }
@@ -171,6 +182,7 @@ impl Points {
             ColumnKind::Number => csv_text(name),
             ColumnKind::Flux => csv_text(&format!("{name} [W]")),
             ColumnKind::Error => csv_text(&format!("{name} standard error [W]")),
+            ColumnKind::Bound => csv_text(&format!("{name} upper bound 95 % [W]")),
         };
         let has_problems = self.is_partial() || self.num_refused() > 0;
         let line = |cells: Vec<String>, problem: &str| {
@@ -205,17 +217,34 @@ impl Points {
             ColumnKind::Number => format!("{:>14}", shown(name)),
             ColumnKind::Flux => format!("{:>18}", format!("{} [W]", shown(name))),
             ColumnKind::Error => format!("{:>12}", "error"),
+            ColumnKind::Bound => format!("{:>12}", "at most"),
         };
         let mut text = columns.iter().map(title).collect::<String>() + "\n";
         for i in 0..self.points.len() {
-            let cell = |column: &Column| match (column.kind, column.values[i]) {
-                (ColumnKind::Number, Some(value)) => format!("{value:>14.7}"),
-                (ColumnKind::Flux, Some(value)) => format!("{value:>18.7}"),
-                (ColumnKind::Error, Some(value)) => format!("{:>12}", format!("{value:.1e}")),
+            let value = |column: Option<&Column>| column.and_then(|column| column.values[i]);
+            let bound = |at: usize| {
+                let is_bound = |column: &&Column| column.kind == ColumnKind::Bound;
+                columns.get(at + 1).filter(is_bound).is_some_and(|column| column.values[i].is_some())
+            };
+            let cell = |(at, column): (usize, &Column)| match (column.kind, value(Some(column))) {
+                (ColumnKind::Number, Some(value)) => format!("{:>14}", significant(value, 8)),
+                (ColumnKind::Flux, Some(flux)) => {
+                    let is_error = |column: &&Column| column.kind == ColumnKind::Error;
+                    let error = value(columns.get(at + 1).filter(is_error));
+                    format!("{:>18}", significant(flux, digits_beside(flux, error)))
+                }
+                // A bound stands in the place of the error.
+                (ColumnKind::Error, Some(_)) if bound(at) => format!("{:>12}", "-"),
+                (ColumnKind::Error | ColumnKind::Bound, Some(value)) => {
+                    format!("{:>12}", significant(value, 2))
+                }
                 (ColumnKind::Flux, None) => format!("{:>18}", "-"),
                 (_, None) => format!("{:>12}", "-"),
             };
-            text += &(columns.iter().map(cell).collect::<String>() + "\n");
+            text += &(columns.iter().enumerate().map(cell).collect::<String>() + "\n");
+        }
+        if columns.iter().any(|column| column.kind == ColumnKind::Bound) {
+            text += few_rays::FOOTNOTE;
         }
         text
     }
@@ -257,10 +286,10 @@ impl Points {
             "maximum"
         );
         for row in self.quantiles() {
-            let _ = write!(text, "{:<18}{:>14.7}", shown(&row.name), row.nominal);
+            let _ = write!(text, "{:<18}{:>14}", shown(&row.name), significant(row.nominal, 7));
             row.quantiles.iter().for_each(|value| {
                 let _ = match value {
-                    Some(value) => write!(text, "{value:>14.7}"),
+                    Some(value) => write!(text, "{:>14}", significant(*value, 7)),
                     None => write!(text, "{:>14}", "-"),
                 };
             });
@@ -282,6 +311,7 @@ enum ColumnKind {
     Number,
     Flux,
     Error,
+    Bound,
 }
 
 /// A flux over the samples of tolerances.
