@@ -46,7 +46,7 @@ pub const WITHOUT_EDGES: &str =
     "light that crosses edges, such as a lens's rim, is not in these: --gradient-edges says how much\n";
 
 /// Derivatives of fluxes as a table for a terminal, of a trace that launched a flux \[W\] and found these detectors.
-pub fn table(gradients: &[Gradient], detectors: &[Detector], launched: f64) -> String {
+pub fn table(gradients: &[Gradient], found: &[Detector], launched: f64) -> String {
     let width = |name: fn(&Gradient) -> &String, title: &str| {
         gradients.iter().map(|row| shown(name(row)).chars().count()).max().unwrap_or(0).max(title.len()) + 2
     };
@@ -61,7 +61,7 @@ pub fn table(gradients: &[Gradient], detectors: &[Detector], launched: f64) -> S
     }
     text.push('\n');
     for row in gradients {
-        let of_detector = detectors.iter().find(|detector| detector.name == row.detector);
+        let of_detector = found.iter().find(|detector| detector.name == row.detector);
         let few = of_detector.and_then(|detector| detector.few_rays);
         // What few rays scatter by says nothing of the others.
         let standard_error = row.standard_error.filter(|_| few.is_none());
