@@ -53,6 +53,8 @@ class Sweep:
     paths: np.ndarray | None = None
     #: Why a point could not be traced, by its place in the arrays. Its fluxes are NaN.
     refused: dict[tuple[int, ...], str] = field(default_factory=dict)
+    #: Rays that detectors' fluxes rest on, where they are fewer than ten; NaN elsewhere.
+    rests_on: dict[str, np.ndarray] = field(default_factory=dict)
     #: Upper bounds of detectors' fluxes [W], with 95 % confidence, where these rest on fewer than ten rays; NaN elsewhere.
     upper_bound_95: dict[str, np.ndarray] = field(default_factory=dict)
     #: True if the sweep was stopped. Points that were not traced have 0 rays, and their fluxes are NaN.
@@ -120,7 +122,9 @@ class Sweep:
                 return {"index": index, "set": numbers, "error": self.refused[place]}
             def bound(name: str) -> Json:
                 found = self.upper_bound_95.get(name)
-                return {} if found is None or np.isnan(found[place]) else {"upper_bound_95": float(found[place])}
+                if found is None or np.isnan(found[place]):
+                    return {}
+                return {"rests_on": int(self.rests_on[name][place]), "upper_bound_95": float(found[place])}
 
             fluxes = {name: {"flux": float(flux[place]), "standard_error": error(name), **bound(name)}
                       for name, flux in self.flux.items()}
@@ -235,6 +239,7 @@ def _with(found: Sweep, place: tuple[int, ...], answer: Any, keep_maps: bool) ->
         put(found.flux, name, entry["total_flux"])
         error = entry["total_flux_standard_error"]
         put(found.standard_error, name, np.nan if error is None else error)
+        put(found.rests_on, name, entry.get("rests_on", np.nan))
         put(found.upper_bound_95, name, entry.get("upper_bound_95", np.nan))
         if keep_maps and entry["kind"] in MAPS:
             put(found.maps, name, answer.arrays(name)[MAPS[entry["kind"]]])

@@ -68,8 +68,8 @@ fn undersampled(
 fn few_rays(detector: &Detector) -> Option<String> {
     let few = detector.few_rays.filter(|few| few.rests_on > 0)?;
     Some(format!(
-        "detector '{}' {}: all that they tell is that its flux is below {} W, with 95 % confidence; its map is mostly shot \
-         noise, and nothing tells yet how many rays a target takes",
+        "detector '{}' {}: all that is known is that its flux is below {} W, with 95 % confidence; more rays are needed, and \
+         nothing tells yet how many",
         shown(&detector.name),
         few.text(),
         significant(few.upper_bound_95, 2),

@@ -13,7 +13,7 @@
 //! what they may carry is not known. Then w is the mean weight of those that were seen, each counted by what it brought.
 
 use crate::format::{significant, thousands};
-use crate::result::{DetectorTally, FluxUnit, QUANTA_PER_WEIGHT, Uncertainty};
+use crate::result::{FluxUnit, QUANTA_PER_WEIGHT};
 use serde::{Deserialize, Serialize};
 use statrs::function::gamma::checked_gamma_lr;
 
@@ -23,7 +23,7 @@ pub const ENOUGH_RAYS: u64 = 10;
 const CONFIDENCE: f64 = 0.95;
 /// What tables say below themselves where some row has a bound.
 pub const FOOTNOTE: &str =
-    "at most: fewer than 10 rays tell no standard error; the flux is below this, with 95 % confidence\n";
+    "≤: fewer than 10 rays tell no standard error; the true value is below this, with 95 % confidence\n";
 
 /// What is known of a flux that rests on fewer than ten rays.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -46,13 +46,6 @@ pub(crate) struct Brought {
 }
 
 impl Brought {
-    /// What came to a detector.
-    pub(crate) fn to_detector(sums: &DetectorTally) -> Self {
-        let total = sums.total();
-        let squares: u128 = sums.totals.iter().map(|moments| moments.squares).sum();
-        Brought { count: total.count, quanta: total.quanta, squares: (squares > 0).then_some(squares) }
-    }
-
     /// How many rays the sum rests on.
     pub(crate) fn rests_on(&self) -> u64 {
         let equal_rays = self.weight() / self.mean_weight();
@@ -87,11 +80,6 @@ impl Brought {
 }
 
 impl FewRays {
-    /// What is known of a detector's flux.
-    pub(crate) fn of_detector(sums: &DetectorTally, uncertainty: &Uncertainty) -> Option<Self> {
-        Brought::to_detector(sums).few_rays(uncertainty.birth_weight, uncertainty.unit)
-    }
-
     /// What is known of a difference of two scenes \[W\], in which so many rays differ; a ray of each is born with `births`
     /// \[W\]. The bound is that of the size of the difference.
     pub(crate) fn of_difference(rests_on: Option<u64>, difference: f64, births: [f64; 2]) -> Option<Self> {
@@ -109,9 +97,9 @@ impl FewRays {
         }
     }
 
-    /// `at most 4.7e-6`.
+    /// `≤ 4.7e-6`.
     pub fn bound(&self) -> String {
-        format!("at most {}", significant(self.upper_bound_95, 2))
+        format!("≤ {}", significant(self.upper_bound_95, 2))
     }
 }
 
@@ -186,7 +174,7 @@ mod tests {
         let few = rays(&[0.0144]).few_rays(1.0, unit).unwrap_or(FewRays { rests_on: 0, upper_bound_95: 0.0 });
         assert_eq!(few.rests_on, 1);
         assert!((2.99e-6..3.1e-6).contains(&few.upper_bound_95), "{few:?}");
-        assert_eq!((few.text(), few.bound()), ("rests on 1 ray".into(), "at most 3e-6".into()));
+        assert_eq!((few.text(), few.bound()), ("rests on 1 ray".into(), "≤ 3e-6".into()));
         // Rays that sampling made heavier than at birth count as those that were seen.
         let heavy = rays(&[8.0]).few_rays(1.0, unit).map(|few| few.upper_bound_95);
         assert_relative_eq!(heavy.unwrap_or(0.0), 8.0 * 4.7439e-6, max_relative = 1e-4);

@@ -7,6 +7,7 @@ use std::ops::AddAssign;
 use serde::{Deserialize, Serialize};
 
 use crate::model::{Detector, SceneIr};
+use crate::result::few_rays::Brought;
 use crate::result::{PathTally, QUANTA_PER_WEIGHT, RaySet};
 
 /// Number of events and the quanta that they took.
@@ -286,6 +287,13 @@ impl DetectorTally {
             count: self.recorded.count + self.hits.iter().sum::<u64>(),
             quanta: self.recorded.quanta + self.quanta.iter().sum::<u128>(),
         }
+    }
+
+    /// What the rays brought.
+    pub(crate) fn brought(&self) -> Brought {
+        let FluxSum { count, quanta } = self.total();
+        let squares: u128 = self.totals.iter().map(|moments| moments.squares).sum();
+        Brought { count, quanta, squares: (squares > 0).then_some(squares) }
     }
 
     /// The quanta of each cell; of a detector without cells, those of all it recorded.

@@ -105,7 +105,7 @@ impl TraceResult {
             self.detectors.iter().map(|detector| shown(&detector.name).chars().count()).max().unwrap_or(0);
         let width = widest.max(16) + 2;
         let mut table = format!(
-            "{:<width$}{:<14}{:>14}{:>17}{:>14}{:>16}\n",
+            "{:<width$}{:<14}{:>14}{:>14}{:>14}{:>16}\n",
             "detector", "kind", "W", "std. error", "map error", "rays"
         );
         for detector in &self.detectors {
@@ -113,7 +113,7 @@ impl TraceResult {
             let of_map = detector.mean_relative_error().filter(|error| error.is_finite());
             let _ = writeln!(
                 table,
-                "{:<width$}{:<14}{:>14}{:>17}{:>14}{:>16}{passing}{}",
+                "{:<width$}{:<14}{:>14}{:>14}{:>14}{:>16}{passing}{}",
                 shown(&detector.name),
                 detector.data.kind(),
                 significant(detector.total_flux, 7),
@@ -160,7 +160,7 @@ impl PathTable {
         let has_places = shown_rows.iter().any(|row| row.rms_radius.is_some());
         let has_peaks = shown_rows.iter().any(|row| row.peak_irradiance.is_some());
         let mut text =
-            format!("{:<6}{:>12}{:>17}{:>12}{:>14}", "path", "W", "std. error", "% of end", "rays");
+            format!("{:<6}{:>12}{:>12}{:>12}{:>14}", "path", "W", "std. error", "% of end", "rays");
         if has_places {
             let _ = write!(text, "{:>12}{:>12}{:>12}", "x mm", "y mm", "rms mm");
         }
@@ -172,7 +172,7 @@ impl PathTable {
         for row in shown_rows {
             let _ = write!(
                 text,
-                "{:<6}{:>12}{:>17}{:>12}{:>14}",
+                "{:<6}{:>12}{:>12}{:>12}{:>14}",
                 row.rank,
                 significant(row.flux, 5),
                 few_rays::error_or_bound(row.few_rays, row.standard_error),

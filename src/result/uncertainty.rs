@@ -17,7 +17,7 @@
 
 use crate::model::SceneIr;
 use crate::model::ray_id::NUM_REPLICATES;
-use crate::result::few_rays::Brought;
+use crate::result::few_rays::{Brought, FewRays};
 use crate::result::{DetectorTally, FluxUnit, Moments, QUANTA_PER_WEIGHT, Tally};
 
 /// Standard error of a sum over `num_rays` rays, in units of weight; NaN for a single ray, which says nothing.
@@ -60,8 +60,8 @@ pub(crate) struct Uncertainty {
     rays_of_sources: Vec<u64>,
     rays_of_replicates: Vec<u64>,
     /// The mean weight of a new ray.
-    pub(crate) birth_weight: f64,
-    pub(crate) unit: FluxUnit,
+    birth_weight: f64,
+    unit: FluxUnit,
     overflowed: bool,
 }
 
@@ -150,6 +150,13 @@ impl Uncertainty {
         let strata = sums.totals.iter().zip(&self.rays_of_sources);
         let variance: f64 = strata.map(|(&moments, &num_rays)| variance(num_rays, moments)).sum();
         Some(self.watts(variance.sqrt()))
+    }
+
+    /// What is known of a detector's flux where it rests on few rays.
+    pub(crate) fn few_rays(&self, sums: &DetectorTally) -> Option<FewRays> {
+        let brought = sums.brought();
+        let squares = brought.squares.filter(|_| !self.overflowed);
+        Brought { squares, ..brought }.few_rays(self.birth_weight, self.unit)
     }
 
     fn watts(&self, weight: f64) -> f64 {
@@ -251,7 +258,7 @@ impl Errors {
         let uncertainty = Uncertainty::new(ir, tally, FluxUnit::new(QUANTA_PER_WEIGHT, 1));
         let lit = tally.detectors.iter().map(|detector| (detector, detector.total().quanta as f64));
         let errors = lit.filter(|(_, total)| *total > 0.0).map(|(detector, total)| DetectorError {
-            is_of_few: Brought::to_detector(detector).is_of_few(),
+            is_of_few: detector.brought().is_of_few(),
             map: uncertainty.of_map(detector),
             flux: uncertainty.of_total(detector).map_or(f64::NAN, |error| error / total),
         });

@@ -213,35 +213,38 @@ impl Points {
 
     fn table(&self) -> String {
         let columns = self.columns();
-        let title = |Column { kind, name, .. }: &Column| match kind {
-            ColumnKind::Number => format!("{:>14}", shown(name)),
-            ColumnKind::Flux => format!("{:>18}", format!("{} [W]", shown(name))),
-            ColumnKind::Error => format!("{:>12}", "error"),
-            ColumnKind::Bound => format!("{:>12}", "at most"),
+        // A bound stands in the place of the error.
+        let is_apart = |at: usize| {
+            columns[at].kind != ColumnKind::Bound || at == 0 || columns[at - 1].kind != ColumnKind::Error
         };
-        let mut text = columns.iter().map(title).collect::<String>() + "\n";
+        let shown_columns: Vec<usize> = (0..columns.len()).filter(|at| is_apart(*at)).collect();
+        let title = |at: &usize| match (columns[*at].kind, shown(&columns[*at].name)) {
+            (ColumnKind::Number, name) => format!("{name:>14}"),
+            (ColumnKind::Flux, name) => format!("{:>18}", format!("{name} [W]")),
+            (ColumnKind::Error | ColumnKind::Bound, _) => format!("{:>12}", "error"),
+        };
+        let mut text = shown_columns.iter().map(title).collect::<String>() + "\n";
         for i in 0..self.points.len() {
-            let value = |column: Option<&Column>| column.and_then(|column| column.values[i]);
-            let bound = |at: usize| {
-                let is_bound = |column: &&Column| column.kind == ColumnKind::Bound;
-                columns.get(at + 1).filter(is_bound).is_some_and(|column| column.values[i].is_some())
+            // What a column that follows has of the point, if it is of this kind.
+            let next = |at: usize, kind: ColumnKind| {
+                columns.get(at + 1).filter(|column| column.kind == kind).and_then(|column| column.values[i])
             };
-            let cell = |(at, column): (usize, &Column)| match (column.kind, value(Some(column))) {
-                (ColumnKind::Number, Some(value)) => format!("{:>14}", significant(value, 8)),
-                (ColumnKind::Flux, Some(flux)) => {
-                    let is_error = |column: &&Column| column.kind == ColumnKind::Error;
-                    let error = value(columns.get(at + 1).filter(is_error));
-                    format!("{:>18}", significant(flux, digits_beside(flux, error)))
-                }
-                // A bound stands in the place of the error.
-                (ColumnKind::Error, Some(_)) if bound(at) => format!("{:>12}", "-"),
-                (ColumnKind::Error | ColumnKind::Bound, Some(value)) => {
-                    format!("{:>12}", significant(value, 2))
-                }
-                (ColumnKind::Flux, None) => format!("{:>18}", "-"),
-                (_, None) => format!("{:>12}", "-"),
+            let cell = |at: &usize| {
+                let value = columns[*at].values[i];
+                let known = |digits: usize| value.map_or("-".into(), |value| significant(value, digits));
+                let bound = match columns[*at].kind {
+                    ColumnKind::Number => return format!("{:>14}", known(8)),
+                    ColumnKind::Flux => {
+                        let error = next(*at, ColumnKind::Error);
+                        return format!("{:>18}", known(digits_beside(value.unwrap_or(0.0), error)));
+                    }
+                    ColumnKind::Error => next(*at, ColumnKind::Bound),
+                    ColumnKind::Bound => value,
+                };
+                let bound = bound.map(|bound| format!("≤ {}", significant(bound, 2)));
+                format!("{:>12}", bound.unwrap_or_else(|| known(2)))
             };
-            text += &(columns.iter().enumerate().map(cell).collect::<String>() + "\n");
+            text += &(shown_columns.iter().map(cell).collect::<String>() + "\n");
         }
         if columns.iter().any(|column| column.kind == ColumnKind::Bound) {
             text += few_rays::FOOTNOTE;

@@ -16,7 +16,7 @@ impl SceneDifference {
         let title = |name: &str| {
             let columns = ["A [W]", "B [W]", "A - B [W]", "error [W]", "sigmas"];
             let [a, b, difference, error, sigmas] = columns;
-            format!("\n{name:<width$}{a:>13}{b:>13}{difference:>13}{error:>17}{sigmas:>9}\n")
+            format!("\n{name:<width$}{a:>13}{b:>13}{difference:>13}{error:>11}{sigmas:>9}\n")
         };
         text += &title("detector");
         for detector in &self.detectors {
@@ -84,7 +84,7 @@ fn columns(row: &FluxDifference) -> String {
         None => score(row.difference, row.standard_error, row.largest()),
     };
     format!(
-        "{:>13}{:>13}{:>13}{error:>17}{score:>9}{}",
+        "{:>13}{:>13}{:>13}{error:>11}{score:>9}{}",
         significant(row.a, 7),
         significant(row.b, 7),
         significant(row.difference, 3),
