@@ -164,7 +164,8 @@ fn assert_line_of_few(line: &str) {
 #[test]
 fn a_trace_and_what_is_made_of_it_say_what_a_flux_rests_on() {
     let (_folder, scene, out) = scene();
-    let text = stdout(&["trace", &scene, "-n", "20000", "-o", &out, "--paths", "on"]);
+    let text =
+        stdout(&["trace", &scene, "-n", "20000", "--standard-error", "on", "-o", &out, "--paths", "on"]);
     assert_line_of_few(line(&text, "rare "));
     assert!(!line(&text, "rest ").contains("rests on"), "{text}");
     assert!(text.contains("≤: fewer than 10 rays"), "{text}");
@@ -192,7 +193,18 @@ fn a_trace_and_what_is_made_of_it_say_what_a_flux_rests_on() {
     let mut parts = Vec::new();
     for first in ["0", "10000"] {
         let part = format!("{out}_{first}");
-        stdout(&["trace", &scene, "-n", "10000", "--first-ray", first, "-o", &part]);
+        stdout(&[
+            "trace",
+            &scene,
+            "-n",
+            "10000",
+            "--first-ray",
+            first,
+            "--standard-error",
+            "on",
+            "-o",
+            &part,
+        ]);
         parts.push(part);
     }
     let merged = stdout(&["merge", &parts[0], &parts[1]]);
@@ -228,7 +240,16 @@ fn differences_and_sweeps_say_what_they_rest_on() {
 #[test]
 fn a_sweep_prints_digits_that_mean_something() {
     let (_folder, scene, _) = scene();
-    let table = stdout(&["sweep", &scene, "--set", "lamp.total_flux=3e-8,3", "-n", "20000"]);
+    let table = stdout(&[
+        "sweep",
+        &scene,
+        "--set",
+        "lamp.total_flux=3e-8,3",
+        "-n",
+        "20000",
+        "--standard-error",
+        "on",
+    ]);
     let faint: Vec<&str> = table.lines().nth(1).unwrap().split_whitespace().collect();
     assert_eq!(faint[0], "3e-8");
     let rest: f64 = faint[4].parse().unwrap();

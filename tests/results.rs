@@ -300,7 +300,7 @@ fn a_map_of_few_hits_says_what_it_takes() {
     let diagnostics = TraceResult::new(&ir, &run(1000), &tally).unwrap().diagnostics;
     // (sqrt 2 + 2 + sqrt 6) / 12 is 49 %; 400 hits expected in each of three cells, for 4, would do but for the bias of roots.
     let expected = "detector 'sky' is undersampled: the standard errors of its cells add up to 49 % of what they hold, so that \
-                    its map is mostly shot noise; about 110,000 rays would bring it to 5 %";
+                    its map is mostly shot noise; about 100,000 rays would bring it to 5 %";
     assert!(diagnostics.warnings.contains(&expected.to_string()), "{:?}", diagnostics.warnings);
     assert!(diagnostics.grave.contains(&expected.to_string()), "{:?}", diagnostics.grave);
 }
