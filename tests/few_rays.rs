@@ -176,7 +176,7 @@ fn a_trace_and_what_is_made_of_it_say_what_a_flux_rests_on() {
     assert!(report["detectors"]["rare"]["total_flux_standard_error"].is_f64(), "the old key stays");
     let rows = report["paths"].as_array().unwrap();
     let few = rows.iter().filter(|row| row["num_rays"].as_u64() < Some(10));
-    assert!(few.clone().count() > 1);
+    assert!(few.clone().next().is_some());
     few.for_each(|row| assert_few(row, 20000.0));
     assert!(rows.iter().any(|row| row.get("rests_on").is_none()));
     // What is read back says the same.
