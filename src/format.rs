@@ -82,6 +82,13 @@ pub(crate) fn significant(value: f64, digits: usize) -> String {
     }
 }
 
+/// As many digits of a value as give its error two; seven where no error is known.
+pub(crate) fn digits_beside(value: f64, error: Option<f64>) -> usize {
+    let known = error.filter(|error| *error > 0.0 && error.is_finite() && value != 0.0);
+    let place = |value: f64| value.abs().log10().floor();
+    known.map_or(7, |error| (place(value) - place(error) + 2.0).clamp(2.0, 15.0) as usize)
+}
+
 fn trim_zeros(number: &str) -> &str {
     if number.contains('.') { number.trim_end_matches('0').trim_end_matches('.') } else { number }
 }
@@ -189,6 +196,9 @@ mod tests {
         assert_eq!(significant(120.0, 2), "120");
         assert_eq!(significant(-2.5e-7, 4), "-2.5e-7");
         assert_eq!(significant(1e12, 4), "1e12");
+        assert_eq!(significant(1.234_567e-8, digits_beside(1.234_567e-8, Some(1.4e-10))), "1.235e-8");
+        assert_eq!(digits_beside(1.0, None), 7);
+        assert_eq!(digits_beside(3e-9, Some(1e-3)), 2);
         assert_eq!(thousands(0), "0");
         assert_eq!(thousands(999), "999");
         assert_eq!(thousands(1_234_567), "1,234,567");

@@ -208,7 +208,7 @@ fn merge(ir: &SceneIr, first: &Tally, second: &Checkpoint, folder: Option<&Path>
     result.report();
     Report::new(&result, &Files::default()).to_json();
     let Some(folder) = folder else { return Ok(()) };
-    let extras = output::Extras { pictures: true, tally: None };
+    let extras = output::Extras { pictures: Some(Default::default()), tally: None };
     output::write(folder, &result, &extras).map(|_| ()).map_err(|error| error.to_string())
 }
 

@@ -269,16 +269,39 @@ fn unreached_surfaces_and_thin_sampling_are_warned_about() {
     assert!(!warned("no ray reached"));
 }
 
+/// Gives the sky three cells of so many hits.
+fn few_hits(tally: &mut Tally, hits: [u64; 3]) {
+    for (cell, hits) in (5..).zip(hits) {
+        (tally.detectors[2].quanta[cell], tally.detectors[2].hits[cell]) = (u128::from(hits) * WEIGHT, hits);
+    }
+}
+
+/// From six hits nothing is promised; what they tell is a bound: chi squared of 2 (6 + 1) degrees, 23.685 / 2 rays of 2 mW.
+#[test]
+fn a_map_of_six_hits_promises_nothing() {
+    let (ir, mut tally) = everything();
+    few_hits(&mut tally, [1, 2, 3]);
+    let result = TraceResult::new(&ir, &run(1000), &tally).unwrap();
+    let few = result.detectors[2].few_rays.unwrap();
+    assert_eq!(few.rests_on, 6);
+    assert_relative_eq!(few.upper_bound_95, 23.6848 / 2.0 * 2e-3, max_relative = 1e-4);
+    let warnings = &result.diagnostics.warnings;
+    let expected = "detector 'sky' rests on 6 rays: all that is known is that its flux is below 0.024 W, with 95 % confidence; more \
+                    rays are needed, and nothing tells yet how many";
+    assert!(warnings.contains(&expected.to_string()), "{warnings:?}");
+    assert!(result.diagnostics.grave.contains(&expected.to_string()));
+    assert!(!warnings.iter().any(|warning| warning.contains("undersampled")), "{warnings:?}");
+    assert!(result.report().contains("≤ 0.024"), "{}", result.report());
+}
+
 #[test]
 fn a_map_of_few_hits_says_what_it_takes() {
     let (ir, mut tally) = everything();
-    for (cell, hits) in [(5, 1), (6, 2), (7, 3)] {
-        (tally.detectors[2].quanta[cell], tally.detectors[2].hits[cell]) = (u128::from(hits) * WEIGHT, hits);
-    }
+    few_hits(&mut tally, [2, 4, 6]);
     let diagnostics = TraceResult::new(&ir, &run(1000), &tally).unwrap().diagnostics;
-    // (1 + sqrt 2 + sqrt 3) / 6 is 69 %; 400 hits expected in each of three cells, for 2, would do but for the bias of roots.
-    let expected = "detector 'sky' is undersampled: the standard errors of its cells add up to 69 % of what they hold, so that \
-                    its map is mostly shot noise; about 240,000 rays would bring it to 5 %";
+    // (sqrt 2 + 2 + sqrt 6) / 12 is 49 %; 400 hits expected in each of three cells, for 4, would do but for the bias of roots.
+    let expected = "detector 'sky' is undersampled: the standard errors of its cells add up to 49 % of what they hold, so that \
+                    its map is mostly shot noise; about 100,000 rays would bring it to 5 %";
     assert!(diagnostics.warnings.contains(&expected.to_string()), "{:?}", diagnostics.warnings);
     assert!(diagnostics.grave.contains(&expected.to_string()), "{:?}", diagnostics.grave);
 }
@@ -636,7 +659,7 @@ fn files_of_the_result_before_go_and_others_stay() {
     nsq_gpu::result::output::write(
         &folder,
         &smaller,
-        &nsq_gpu::result::output::Extras { pictures: false, tally: None },
+        &nsq_gpu::result::output::Extras { pictures: None, tally: None },
     )
     .unwrap();
     assert_eq!(listing(&folder), ["map.npz", "notes.npz", "report.json"]);

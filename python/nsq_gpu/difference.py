@@ -6,7 +6,7 @@ import json
 import os
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from optiland.nonsequential import NSQScene
 from nsq_gpu.binary import find_binary
 from nsq_gpu.errors import NsqGpuError, NsqGpuWarning, SceneError, TraceTimeoutError, warn, with_partial
 from nsq_gpu.export import export, to_json
+from nsq_gpu.few_rays import FewRays, few_rays, in_table
 from nsq_gpu.process import ProgressCallback, Shown, run
 from nsq_gpu.session import numbers_of_rays
 
@@ -34,6 +35,8 @@ class FluxDifference:
     difference: float
     #: Standard error of the difference; NaN where it is not known.
     standard_error: float
+    #: What is known of a difference that fewer than ten rays make; None else. The bound is that of its size.
+    few_rays: FewRays | None = field(default=None, kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -75,6 +78,7 @@ class Difference:
         rows = [(name, row) for group in (self.detectors, self.totals, self.surfaces) for name, row in group.items()]
         lines = [f"{'':<20}{'A [W]':>14}{'B [W]':>14}{'A - B [W]':>14}{'error [W]':>12}"]
         lines += [f"{name:<20}{row.a:>14.7g}{row.b:>14.7g}{row.difference:>14.4g}{row.standard_error:>12.2g}"
+                  f"{in_table(row.few_rays)}"
                   for name, row in rows]
         return "\n".join(lines)
 
@@ -161,11 +165,11 @@ def _numbers(entry: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _fluxes(entries: Mapping[str, Json]) -> dict[str, FluxDifference]:
-    return {name: FluxDifference(**_numbers(entry)) for name, entry in entries.items()}
+    return {name: FluxDifference(**_numbers(entry), few_rays=few_rays(entry)) for name, entry in entries.items()}
 
 
 def _detector(entry: Json, folder: Path) -> DetectorDifference:
     with np.load(folder / entry["file"]) as arrays:
         found = {key: arrays[name] if name in arrays else None for key, name in
                  (("map", "difference"), ("map_standard_error", "standard_error"), ("map_a", "a"), ("map_b", "b"))}
-    return DetectorDifference(**_numbers(entry), kind=entry["kind"], **found)
+    return DetectorDifference(**_numbers(entry), kind=entry["kind"], few_rays=few_rays(entry), **found)

@@ -37,6 +37,8 @@ class Derivative:
     map: np.ndarray | None
     #: Standard errors of ``map``.
     map_standard_error: np.ndarray | None
+    #: Rays that the detector's flux rests on, where they are fewer than ten: the standard error then says little. None else.
+    rests_on: int | None = None
 
 
 @dataclass(frozen=True)
@@ -57,9 +59,13 @@ class Jacobian:
 
     def __str__(self) -> str:
         lines = [f"{'parameter':<20}{'detector':<16}{'d flux [W/.]':>15}{'error':>12}"]
-        lines += [f"{parameter:<20}{detector:<16}{found.flux:>15.5g}{found.standard_error:>12.2g}"
+        lines += [f"{parameter:<20}{detector:<16}{found.flux:>15.5g}{found.standard_error:>12.2g}{_remark(found)}"
                   for (parameter, detector), found in self.derivatives.items()]
         return "\n".join(lines)
+
+
+def _remark(found: Derivative) -> str:
+    return "" if found.rests_on is None else f"  rests on {found.rests_on} rays"
 
 
 def jacobian(scene: NSQScene | str | os.PathLike[str], parameters: str | Sequence[str], num_rays: int, *, seed: int = 0,
@@ -177,7 +183,8 @@ def of_answer(answer: Answer, partial: bool = False) -> Jacobian:
         name = f"{row['detector']}/{row['parameter']}"
         error = row["standard_error"]
         derivatives[row["parameter"], row["detector"]] = Derivative(
-            row["flux"], np.nan if error is None else error, arrays.get(name), arrays.get(f"{name}/standard_error"))
+            row["flux"], np.nan if error is None else error, arrays.get(name), arrays.get(f"{name}/standard_error"),
+            answer.report["detectors"][row["detector"]].get("rests_on"))
     maps = {name: answer.arrays(name)[MAPS[entry["kind"]]]
             for name, entry in answer.report["detectors"].items() if entry["kind"] in MAPS}
     return Jacobian(derivatives, maps, answer.report, partial)

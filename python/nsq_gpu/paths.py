@@ -24,6 +24,8 @@ FIELDS = np.dtype([
     ("sequence", object),
     ("steps", object),
     ("where", object),
+    ("rests_on", np.int64),
+    ("upper_bound_95", np.float64),
 ])
 
 
@@ -44,6 +46,9 @@ class PathTable(np.ndarray):
     ``sequence``        the path as a text, from its source to its detector
     ``steps``           pairs of what happened and where: T transmitted, R reflected, ST and SR scattered through and back
     ``where``           an expression that keeps this row's light alone: ``NsqGpuBackend(where=...)``
+    ``rests_on``        rays that the flux rests on, each counted by what it brought, where they are fewer than ten; else
+                        ``num_rays``
+    ``upper_bound_95``  the flux is below this [W], with 95 % confidence, where it rests on fewer than ten rays; else NaN
     ==================  ============================================================================================
     """
 
@@ -72,6 +77,7 @@ def path_table(rows: Sequence[Json]) -> PathTable:
         # A number that is not known is null.
         error = np.nan if row["standard_error"] is None else row["standard_error"]
         steps = tuple((letters, name) for letters, name in row["steps"])
-        read = {**row, "standard_error": error, "steps": steps}
+        few = {"rests_on": row["num_rays"], "upper_bound_95": np.nan}
+        read = {**few, **row, "standard_error": error, "steps": steps}
         table[index] = tuple(read[name] for name in FIELDS.names or ())
     return table.view(PathTable)

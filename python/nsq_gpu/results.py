@@ -29,6 +29,7 @@ from nsq_gpu.errors import (
     wants_gradient,
     warn,
 )
+from nsq_gpu.few_rays import few_rays
 from nsq_gpu.integrity import load_arrays
 from nsq_gpu.paths import path_table
 
@@ -134,6 +135,7 @@ def fill_scene(scene: NSQScene, report: Json, load: Load, surface_labels: list[s
         diagnostics=_diagnostics(scene, report, detectors),
     )
     _add_paths(result, report)
+    result.few_rays = {name: found for name, spec in report["detectors"].items() if (found := few_rays(spec))}
     result.partial = partial
     return result
 
@@ -186,6 +188,7 @@ def _add_errors(detector: Any, spec: Json, arrays: Any) -> None:
     """Put the standard errors on a result, where Optiland's has no field for them."""
     detector.total_flux_standard_error = spec["total_flux_standard_error"]
     detector.standard_error = arrays.get("standard_error")
+    detector.few_rays = few_rays(spec)
 
 
 def _add_paths(result: SimulationResult, report: Json) -> None:

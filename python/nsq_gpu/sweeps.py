@@ -53,6 +53,10 @@ class Sweep:
     paths: np.ndarray | None = None
     #: Why a point could not be traced, by its place in the arrays. Its fluxes are NaN.
     refused: dict[tuple[int, ...], str] = field(default_factory=dict)
+    #: Rays that detectors' fluxes rest on, where they are fewer than ten; NaN elsewhere.
+    rests_on: dict[str, np.ndarray] = field(default_factory=dict)
+    #: Upper bounds of detectors' fluxes [W], with 95 % confidence, where these rest on fewer than ten rays; NaN elsewhere.
+    upper_bound_95: dict[str, np.ndarray] = field(default_factory=dict)
     #: True if the sweep was stopped. Points that were not traced have 0 rays, and their fluxes are NaN.
     partial: bool = False
 
@@ -76,6 +80,8 @@ class Sweep:
                 row[f"{name} [W]"] = float(flux[place])
                 if name in self.standard_error:
                     row[f"{name} standard error [W]"] = float(self.standard_error[name][place])
+                if np.isfinite(self.upper_bound_95.get(name, np.nan)).any():
+                    row[f"{name} upper bound 95 % [W]"] = float(self.upper_bound_95[name][place])
             yield row
 
     def to_csv(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
@@ -114,7 +120,14 @@ class Sweep:
             numbers = {name: value if math.isfinite(value) else str(value) for name, value in numbers.items()}
             if place in self.refused:
                 return {"index": index, "set": numbers, "error": self.refused[place]}
-            fluxes = {name: {"flux": float(flux[place]), "standard_error": error(name)} for name, flux in self.flux.items()}
+            def bound(name: str) -> Json:
+                found = self.upper_bound_95.get(name)
+                if found is None or np.isnan(found[place]):
+                    return {}
+                return {"rests_on": int(self.rests_on[name][place]), "upper_bound_95": float(found[place])}
+
+            fluxes = {name: {"flux": float(flux[place]), "standard_error": error(name), **bound(name)}
+                      for name, flux in self.flux.items()}
             return {"index": index, "set": numbers, "num_rays": int(self.num_rays[place]), "fluxes": fluxes}
 
         points = [entry(index, *point) for index, point in enumerate(self.points()) if self._is_known(point[0])]
@@ -146,6 +159,8 @@ class Sweep:
             variables[f"{name} flux"] = (names, flux, {"units": "W"})
         for name, error in self.standard_error.items():
             variables[f"{name} standard_error"] = (names, error, {"units": "W"})
+        for name, bound in self.upper_bound_95.items():
+            variables[f"{name} upper_bound_95"] = (names, bound, {"units": "W"})
         for name, found in self.maps.items():
             axes = [f"{name} axis {i}" for i in range(found.ndim - len(names))]
             variables[f"{name} map"] = ([*names, *axes], found, {"units": "W/mm^2, of far fields W/sr"})
@@ -224,6 +239,8 @@ def _with(found: Sweep, place: tuple[int, ...], answer: Any, keep_maps: bool) ->
         put(found.flux, name, entry["total_flux"])
         error = entry["total_flux_standard_error"]
         put(found.standard_error, name, np.nan if error is None else error)
+        put(found.rests_on, name, entry.get("rests_on", np.nan))
+        put(found.upper_bound_95, name, entry.get("upper_bound_95", np.nan))
         if keep_maps and entry["kind"] in MAPS:
             put(found.maps, name, answer.arrays(name)[MAPS[entry["kind"]]])
     for name, key in TOTALS.items():

@@ -1,6 +1,7 @@
 //! `nsq-gpu diff`: what a change does, with standard errors of its own.
 
 use crate::cli::console::{choose_vectors, ended, named, read_scene, say};
+use crate::cli::pictures::PictureArgs;
 use crate::cli::progress::{Mode, Progress, Status};
 use crate::cli::stops::{end_with_caller, stop_on_interrupt};
 use crate::cli::sweep::parse_number;
@@ -42,6 +43,8 @@ pub struct Args {
     /// Write no pictures, only numbers.
     #[arg(long, requires = "output")]
     no_pictures: bool,
+    #[command(flatten)]
+    pictures: PictureArgs,
     /// Progress on stderr.
     #[arg(long, value_enum, default_value_t = Mode::Auto)]
     progress: Mode,
@@ -70,6 +73,10 @@ impl Args {
             ("--paths", trace.paths == PathsArg::On),
             ("--standard-error", trace.standard_error != StandardErrorArg::Auto),
         ];
+        if self.pictures.is_log() {
+            let problem = "--scale log: a difference has both signs, and no logarithm; leave --scale out";
+            return Err(Error::Usage(problem.into()));
+        }
         match given.iter().find(|(_, is_given)| *is_given) {
             Some((name, _)) => Err(Error::Usage(format!(
                 "{name} belongs to a trace; a difference takes -n alone, leave it out"
@@ -107,6 +114,7 @@ pub fn run(args: &Args) -> Result<String> {
     if args.watch_stdin {
         end_with_caller();
     }
+    let pictures = Some(args.pictures.style(&ir_a)?).filter(|_| !args.no_pictures);
     let pair = Pair::new(&ir_a, ir_b)?;
     if let Some(dir) = &args.output {
         let names = ir_a.detectors.iter().map(|detector| detector.name.as_str());
@@ -149,8 +157,7 @@ pub fn run(args: &Args) -> Result<String> {
     };
     let warnings = found.run.scene_warnings.iter().chain(&found.run.precision_warning);
     warnings.for_each(|warning| say(&format!("warning: {warning}")));
-    let written =
-        args.output.as_ref().map(|dir| difference::write(dir, &found, !args.no_pictures)).transpose();
+    let written = args.output.as_ref().map(|dir| difference::write(dir, &found, pictures)).transpose();
     let printed = if args.json { found.report()? } else { found.text() };
     let failure = match written {
         Ok(files) => {

@@ -1,6 +1,7 @@
 //! `nsq-gpu merge`: adds up the results of several traces.
 
 use crate::cli::console::{read_scene, say};
+use crate::cli::pictures::PictureArgs;
 use crate::cli::trace::Printed;
 use crate::error::{Error, Result};
 use crate::format::path_text;
@@ -22,6 +23,8 @@ pub struct Args {
     /// Write no pictures, only numbers.
     #[arg(long, requires = "output")]
     no_pictures: bool,
+    #[command(flatten)]
+    pictures: PictureArgs,
     /// The scene file, if it was moved.
     #[arg(long, value_name = "SCENE")]
     scene: Option<PathBuf>,
@@ -53,6 +56,7 @@ pub fn run(args: &Args) -> Result<String> {
         )));
     }
     check(&args.results, &parts, &ir)?;
+    let style = args.pictures.style(&ir)?;
     if let Some(dir) = &args.output {
         let real = |path: &Path| path.canonicalize().ok();
         let is_input = |result: &&PathBuf| {
@@ -93,7 +97,7 @@ pub fn run(args: &Args) -> Result<String> {
     }
     say(&on_the_bits(&ir, &parts, &merged.tally.rays));
     let result = TraceResult::new(&ir, &run_info(&path, &scene, &merged), &merged.tally)?;
-    let printed = Printed { json: args.json, pictures: !args.no_pictures };
+    let printed = Printed { json: args.json, pictures: Some(style).filter(|_| !args.no_pictures) };
     crate::cli::trace::deliver(&result, || merged.to_bytes().map(Some), args.output.as_deref(), printed)
 }
 

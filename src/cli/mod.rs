@@ -14,6 +14,7 @@ pub mod materials;
 mod merge;
 mod output_file;
 mod paths;
+mod pictures;
 mod progress;
 mod quantity;
 mod schema;

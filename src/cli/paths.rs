@@ -1,6 +1,7 @@
 //! `nsq-gpu paths`: which paths light took, the strongest first.
 
 use crate::cli::console::{choose_vectors, ended, read_scene, say};
+use crate::cli::pictures::PictureArgs;
 use crate::cli::progress::{Mode, Progress, Status};
 use crate::cli::stops::stop_on_interrupt;
 use crate::cli::trace_args::{PrecisionArg, SamplerArg, TraceArgs};
@@ -60,6 +61,8 @@ pub struct Args {
     /// Write no pictures, only numbers.
     #[arg(long, requires = "output")]
     no_pictures: bool,
+    #[command(flatten)]
+    pictures: PictureArgs,
     /// Progress on stderr.
     #[arg(long, value_enum, default_value_t = Mode::Auto)]
     progress: Mode,
@@ -130,6 +133,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         ));
     }
     let listing = args.table_options(&ir)?;
+    let style = args.pictures.style(&ir)?;
     if let Some(dir) = &args.output {
         let names = ir.detectors.iter().map(|detector| detector.name.clone());
         let rows = (1..=listing.num_maps.min(MOST_WRITTEN)).map(|rank| format!("path_{rank}"));
@@ -203,7 +207,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         let mut written = result.clone();
         written.paths = Some(traced.table.clone());
         written.detectors.extend(path_detectors(&ir, &tally, unit, rows)?);
-        let extras = Extras { pictures: !args.no_pictures, tally: None };
+        let extras = Extras { pictures: Some(style).filter(|_| !args.no_pictures), tally: None };
         match output::write(dir, &written, &extras) {
             Ok(written) => written.files.iter().for_each(|file| say(&format!("written: {}", file.display()))),
             // The table is printed all the same: the trace may have taken hours.

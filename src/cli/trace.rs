@@ -1,6 +1,7 @@
 //! `nsq-gpu trace`: traces a scene to maps, ledger and report.
 
 use crate::cli::console::{ended, named, read_scene, say};
+use crate::cli::pictures::PictureArgs;
 use crate::cli::progress::{Mode, Progress, Status};
 use crate::cli::quantity;
 use crate::cli::stops::{end_with_caller, stop_on_interrupt};
@@ -11,6 +12,7 @@ use crate::gpu::{AdapterChoice, Gpu};
 use crate::model::SceneIr;
 use crate::program::Precision;
 use crate::result::StoppedBy;
+use crate::result::png::Style;
 use crate::result::{Recording, RunInfo, StageTime, Tally, TraceResult, output, report};
 use crate::scene::Scene;
 use crate::trace::auto_precision::{self, Choice, Wanted};
@@ -69,6 +71,8 @@ pub struct Args {
     /// Write no pictures, only numbers.
     #[arg(long, requires = "output")]
     no_pictures: bool,
+    #[command(flatten)]
+    pictures: PictureArgs,
     /// Time the stages on the device. The times go to stderr and into the report's diagnostics. The trace becomes
     /// slower.
     #[arg(long)]
@@ -83,6 +87,14 @@ pub struct Args {
     /// leaves no trace running, however that program ends.
     #[arg(long)]
     watch_stdin: bool,
+}
+
+impl Args {
+    /// The style of pictures, if any are wanted.
+    fn style(&self, ir: &SceneIr) -> Result<Option<Style>> {
+        let style = self.pictures.style(ir)?;
+        Ok(Some(style).filter(|_| !self.no_pictures))
+    }
 }
 
 /// Names of numbers.
@@ -126,6 +138,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         end_with_caller();
     }
     args.trace.override_sampling(&mut ir)?;
+    let pictures = args.style(&ir)?;
     if let Some(path) = &args.checkpoint {
         checkpoint::check_writable(path)?;
     }
@@ -176,7 +189,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         let (result, tally, checkpointed) = trace(&run, choosing, begun)?;
         Ok::<_, Error>((result, tally, identity, checkpointed))
     })?;
-    let extras = Printed { json: args.json, pictures: !args.no_pictures };
+    let extras = Printed { json: args.json, pictures };
     let sums = || Checkpoint { identity, tally }.to_bytes().map(Some);
     let printed = deliver(&result, sums, args.output.as_deref(), extras)?;
     ended(printed, checkpointed.err().or_else(|| failure(&result)))
@@ -206,6 +219,7 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
     let differentiated = Differentiated::new(&text, folder, &[], names, change)
         .map_err(|error| named(error, &args.scene.display().to_string()))?;
     let ir = &differentiated.ir;
+    let pictures = args.style(ir)?;
     let in_f64 = matches!(args.trace.precision, PrecisionArg::Auto | PrecisionArg::F64);
     crate::cli::console::choose_vectors(ir, args.trace.num_rays, in_f64);
     if args.watch_stdin {
@@ -267,7 +281,7 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
         ..options.run_info(&gpu.info)
     };
     let result = TraceResult { gradients, ..TraceResult::new(ir, &run, &tally)? };
-    let printed = Printed { json: args.json, pictures: !args.no_pictures };
+    let printed = Printed { json: args.json, pictures };
     let printed = deliver(&result, || Ok(None), args.output.as_deref(), printed)?;
     ended(printed, failure(&result))
 }
@@ -331,6 +345,19 @@ pub(crate) fn missed_target(result: &TraceResult) -> Option<String> {
     let percent = |fraction: f64| format!("{:.3} %", 100.0 * fraction);
     match result.relative_error {
         Some(error) if error <= target => None,
+        Some(error)
+            if result
+                .detectors
+                .iter()
+                .any(|detector| detector.few_rays.is_some_and(|few| few.rests_on > 0)) =>
+        {
+            Some(format!(
+                "the relative error is {}, above the target of {}; a detector's flux rests on fewer than 10 rays, from which \
+                 nothing tells how many it takes",
+                percent(error),
+                percent(target),
+            ))
+        }
         Some(error) => Some(format!(
             "the relative error is {}, above the target of {}; it falls as 1 / sqrt(rays), so give about -n {:.1e}",
             percent(error),
@@ -369,8 +396,8 @@ fn beginning(args: &Args, ir: &SceneIr, identity: &Identity, resumed: Checkpoint
 pub struct Printed {
     /// True: report.json. False: the text report.
     pub json: bool,
-    /// True: with a picture of each detector.
-    pub pictures: bool,
+    /// A picture of each detector, in this style.
+    pub pictures: Option<Style>,
 }
 
 /// Writes the files of a result, and returns the text for stdout. Where they cannot be written, the result is printed

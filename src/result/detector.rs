@@ -4,7 +4,7 @@ use crate::error::Result;
 use crate::model::{self, SceneIr};
 use crate::result::detectors::Sums;
 use crate::result::uncertainty::relative_error_of_map;
-use crate::result::{DetectorData, DetectorTally, FluxSum, FluxUnit, Tally, Uncertainty};
+use crate::result::{DetectorData, DetectorTally, FewRays, FluxSum, FluxUnit, Tally, Uncertainty};
 
 /// What one detector recorded.
 #[derive(Debug, Clone, PartialEq)]
@@ -18,6 +18,11 @@ pub struct Detector {
     /// Standard error of `total_flux` \[W\]; none where second moments were not summed, or where a ray database dropped
     /// rows.
     pub total_flux_standard_error: Option<f64>,
+    /// What is known of `total_flux` where it rests on few rays; none where it rests on enough, and where a ray database
+    /// dropped rows.
+    pub few_rays: Option<FewRays>,
+    /// What pictures are titled, where that is not the name: the path of light that it shows.
+    pub title: Option<String>,
     /// Rays recorded, those included that a ray database did not keep.
     pub num_rays_hit: u64,
     /// The recording.
@@ -35,6 +40,8 @@ impl Detector {
             name: detector.name.clone(),
             absorb: detector.absorb,
             total_flux: kept_flux.unwrap_or_else(|| sums.unit.watts(quanta)),
+            few_rays: sums.uncertainty.few_rays(sums.cells).filter(|_| kept_flux.is_none()),
+            title: None,
             total_flux_standard_error: if kept_flux.is_some() { None } else { of_total() },
             num_rays_hit,
             data,

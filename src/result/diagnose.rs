@@ -49,6 +49,9 @@ fn undersampled(
     uncertainty: &Uncertainty,
     num_rays: u64,
 ) -> Option<String> {
+    if detector.few_rays.is_some() {
+        return None;
+    }
     let map = uncertainty.of_map(sums).or_else(|| uncertainty.of_map_by_hits(sums))?;
     let error = Some(map.relative()).filter(|error| error.is_finite() && *error > UNDERSAMPLED_ERROR)?;
     let remedy = map.factor_to(GOOD_ERROR).map_or(String::new(), |factor| {
@@ -59,6 +62,18 @@ fn undersampled(
          mostly shot noise{remedy}",
         shown(&detector.name),
         significant(100.0 * error, 2),
+    ))
+}
+
+/// Says of a flux that it rests on few rays, and what can be said of it all the same.
+fn few_rays(detector: &Detector) -> Option<String> {
+    let few = detector.few_rays.filter(|few| few.rests_on > 0)?;
+    Some(format!(
+        "detector '{}' {}: all that is known is that its flux is below {} W, with 95 % confidence; more rays are needed, and \
+         nothing tells yet how many",
+        shown(&detector.name),
+        few.text(),
+        significant(few.upper_bound_95, 2),
     ))
 }
 
@@ -117,6 +132,7 @@ impl Diagnostics {
             .chain(self.cut_off(ir, result))
             .chain(unlit(result).filter(|_| result.run.filter.is_none()))
             .chain(maps)
+            .chain(result.detectors.iter().filter_map(few_rays))
             .collect();
         warnings.extend(unfinished.iter().cloned());
         warnings.extend(self.roulette());

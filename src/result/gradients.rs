@@ -1,6 +1,7 @@
 //! Derivatives of what detectors recorded, by parameters.
 
 use crate::format::{score, shown, significant};
+use crate::result::{Detector, few_rays};
 use ndarray::ArrayD;
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
@@ -44,8 +45,8 @@ pub struct WithEdges {
 pub const WITHOUT_EDGES: &str =
     "light that crosses edges, such as a lens's rim, is not in these: --gradient-edges says how much\n";
 
-/// Derivatives of fluxes as a table for a terminal, of a trace that launched a flux \[W\].
-pub fn table(gradients: &[Gradient], launched: f64) -> String {
+/// Derivatives of fluxes as a table for a terminal, of a trace that launched a flux \[W\] and found these detectors.
+pub fn table(gradients: &[Gradient], found: &[Detector], launched: f64) -> String {
     let width = |name: fn(&Gradient) -> &String, title: &str| {
         gradients.iter().map(|row| shown(name(row)).chars().count()).max().unwrap_or(0).max(title.len()) + 2
     };
@@ -60,8 +61,12 @@ pub fn table(gradients: &[Gradient], launched: f64) -> String {
     }
     text.push('\n');
     for row in gradients {
-        let error = row.standard_error.map_or("-".into(), |error| significant(error, 2));
-        let score = score(row.flux, row.standard_error, launched);
+        let of_detector = found.iter().find(|detector| detector.name == row.detector);
+        let few = of_detector.and_then(|detector| detector.few_rays);
+        // What few rays scatter by says nothing of the others.
+        let standard_error = row.standard_error.filter(|_| few.is_none());
+        let error = standard_error.map_or("-".into(), |error| significant(error, 2));
+        let score = if few.is_some() { "-".into() } else { score(row.flux, standard_error, launched) };
         let (parameter, detector) = (shown(&row.parameter), shown(&row.detector));
         let flux = significant(row.flux, 5);
         let _ = write!(text, "{parameter:<parameters$}{detector:<detectors$}{flux:>15}{error:>11}{score:>9}");
@@ -69,6 +74,7 @@ pub fn table(gradients: &[Gradient], launched: f64) -> String {
             let error = standard_error.map_or("-".into(), |error| significant(error, 2));
             let _ = write!(text, "{:>15}{error:>11}", significant(flux, 5));
         }
+        text += &few_rays::remark(few);
         if row.num_lost > 0 {
             let _ = write!(
                 text,

@@ -14,6 +14,7 @@ pub mod detectors;
 mod diagnose;
 pub mod diagnostics;
 pub mod difference;
+pub mod few_rays;
 mod flux_unit;
 pub mod gradients;
 pub mod integrity;
@@ -47,6 +48,7 @@ pub use crate::result::detectors::{
 };
 pub use crate::result::diagnostics::{DetectorDiagnostic, Diagnostics, WrongSides};
 pub use crate::result::difference::{DetectorDifference, FluxDifference, MapDifference, SceneDifference};
+pub use crate::result::few_rays::FewRays;
 pub use crate::result::flux_unit::FluxUnit;
 pub use crate::result::gradients::{Gradient, WithEdges};
 pub use crate::result::ledger::{Entry, Ledger};

@@ -15,6 +15,7 @@ use crate::error::{Error, Result};
 use crate::placing::{self, Journal, Lock, Scratch, step};
 use crate::result::integrity::{self, FileHash, Meta, NO_HASH, hex};
 pub use crate::result::names::{GRADIENTS, PATHS, RAY_PATHS, REPORT, TALLY};
+use crate::result::png::Style;
 use crate::result::report::Files;
 use crate::result::{Detector, Report, TraceResult, npz_files, png};
 use rayon::prelude::*;
@@ -37,14 +38,14 @@ pub fn holds_sums(path: &Path) -> bool {
 /// # Errors
 /// [`Error::File`] with the file or folder that could not be written; `dir` is then as it was.
 pub fn write_all(dir: &Path, result: &TraceResult) -> Result<Vec<PathBuf>> {
-    write(dir, result, &Extras { pictures: true, tally: None }).map(|written| written.files)
+    write(dir, result, &Extras { pictures: Some(Style::default()), tally: None }).map(|written| written.files)
 }
 
 /// What stands beside the numbers of a result.
 #[derive(Debug, Clone, Copy)]
 pub struct Extras<'a> {
-    /// A picture of each detector.
-    pub pictures: bool,
+    /// A picture of each detector, in this style.
+    pub pictures: Option<Style>,
     /// The contents of the file of raw sums.
     pub tally: Option<&'a [u8]>,
 }
@@ -417,15 +418,15 @@ fn write_files(folder: &Path, result: &TraceResult, extras: &Extras<'_>) -> Resu
         npz_files::write_detector(&folder.join(&data), result, detector)?;
         files.detectors.insert(detector.name.clone(), data.clone());
         names.push(data);
-        if extras.pictures {
+        if let Some(style) = extras.pictures {
             let picture = format!("{stem}.png");
             let path = folder.join(&picture);
             files.pictures.insert(detector.name.clone(), picture.clone());
             names.push(picture);
             match detector.data.result().map() {
-                Some(_) => pictures.push((detector, path)),
+                Some(_) => pictures.push((detector, path, style)),
                 // One at a time: it holds as many points as a picture shows.
-                None => png::write_detector(&path, detector)?,
+                None => png::write_detector(&path, detector, style)?,
             }
         }
     }
@@ -461,8 +462,8 @@ fn write_files(folder: &Path, result: &TraceResult, extras: &Extras<'_>) -> Resu
 }
 
 /// Draws pictures of detectors, side by side.
-fn draw(pictures: &[(&Detector, PathBuf)]) -> Result<()> {
-    pictures.par_iter().try_for_each(|(detector, path)| png::write_detector(path, detector))
+fn draw(pictures: &[(&Detector, PathBuf, Style)]) -> Result<()> {
+    pictures.par_iter().try_for_each(|(detector, path, style)| png::write_detector(path, detector, *style))
 }
 
 pub(crate) fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {

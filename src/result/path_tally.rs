@@ -6,6 +6,7 @@
 
 use crate::model::sequence::{End, Sequence};
 use crate::result::QUANTA_PER_WEIGHT;
+use crate::result::few_rays::Brought;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::ops::AddAssign;
@@ -47,6 +48,12 @@ impl AddAssign for PathSum {
 }
 
 impl PathSum {
+    /// What the rays brought, with squares where they could be summed.
+    pub(crate) fn brought(&self, has_squares: bool) -> Brought {
+        let squares = Some(self.squares).filter(|squares| has_squares && *squares > 0);
+        Brought { count: self.count, quanta: self.quanta, squares }
+    }
+
     /// The variance of the sum of quanta, where so many rays of the source were launched \[quanta^2\].
     pub fn variance(&self, launched: u64) -> f64 {
         let (quanta, squares) = (self.quanta as f64, self.squares as f64 * QUANTA_PER_WEIGHT);

@@ -5,7 +5,7 @@ use crate::model::path_filter::MOST_PARTS;
 use crate::model::sequence::{End, Sequence, Step, StepKind};
 use crate::model::surface_optics::splits;
 use crate::model::{Interaction, PathFilter, SceneIr};
-use crate::result::{FluxUnit, PathSum, PathTally, QUANTA_PER_WEIGHT, Tally};
+use crate::result::{FewRays, FluxUnit, PathSum, PathTally, QUANTA_PER_WEIGHT, Tally};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -45,6 +45,10 @@ pub struct LightPath {
     /// Standard error of the flux \[W\]; null where it is not known. Where a ray can bring light by several of the row's
     /// sequences, it is an upper bound.
     pub standard_error: Option<f64>,
+    /// Where the flux rests on fewer than ten rays, `rests_on` says on how many, and `upper_bound_95` what it is below with
+    /// 95 % confidence; both are missing else.
+    #[serde(flatten)]
+    pub few_rays: Option<FewRays>,
     /// Rays that brought the light.
     pub num_rays: u64,
     /// Specular reflections along the path.
@@ -188,6 +192,7 @@ pub fn groups<'a>(
                 flux: unit.watts(sum.quanta),
                 share: sum.quanta as f64 / totals[&first.end].quanta.max(1) as f64,
                 standard_error: error.filter(|error| error.is_finite()),
+                few_rays: sum.brought(!sums.squares_overflowed).few_rays(tally.launched.mean_weight(), unit),
                 num_rays: sum.count,
                 reflections: first.reflections() as u32,
                 scatterings: first.scatterings() as u32,
@@ -285,6 +290,24 @@ fn described(ir: &SceneIr, common: &Common, first: &Sequence) -> (String, Vec<[S
     }
 }
 
+impl LightPath {
+    /// A title for pictures: the path, and of a long one what it did beside passing through faces.
+    pub fn title(&self) -> String {
+        const MOST_LETTERS: usize = 64;
+        if self.sequence.chars().count() <= MOST_LETTERS {
+            return self.sequence.clone();
+        }
+        let mut parts: Vec<&str> = Vec::new();
+        for part in self.sequence.split(" > ") {
+            let part = if part.starts_with("T ") { "…" } else { part };
+            if part != "…" || parts.last() != Some(&"…") {
+                parts.push(part);
+            }
+        }
+        parts.join(" > ")
+    }
+}
+
 impl PathTable {
     /// The table of rows, with the light that has none: that of one detector, or all.
     pub fn new(
@@ -316,7 +339,7 @@ impl PathTable {
     pub fn to_csv(&self) -> String {
         let mut text = String::from(
             "rank,flux_W,share,standard_error_W,num_rays,reflections,scatterings,detector,centroid_x_mm,centroid_y_mm,\
-             rms_radius_mm,peak_irradiance_W_mm2,sequence\n",
+             rms_radius_mm,peak_irradiance_W_mm2,sequence,rests_on,upper_bound_95_W\n",
         );
         let number = |value: Option<f64>| value.map_or(String::new(), |value| format!("{value:e}"));
         for row in &self.paths {
@@ -334,6 +357,8 @@ impl PathTable {
                 number(row.rms_radius),
                 number(row.peak_irradiance),
                 csv_text(&row.sequence),
+                row.few_rays.map_or(String::new(), |few| few.rests_on.to_string()),
+                number(row.few_rays.map(|few| few.upper_bound_95)),
             ];
             text += &(fields.join(",") + "\n");
         }

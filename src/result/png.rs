@@ -1,4 +1,4 @@
-//! One picture per detector: linear from zero, perceptual colours, axes at round numbers, a colour bar with its unit.
+//! One picture per detector: linear from zero or logarithmic ([`Style`]), perceptual colours, axes at round numbers, a colour bar with its unit.
 //! Benchmarks draw their bars and curves with the same parts.
 
 pub mod bars;
@@ -6,10 +6,13 @@ mod canvas;
 pub mod curves;
 pub(crate) mod figures;
 mod raster;
+mod style;
 
 #[cfg(feature = "viewer")]
 pub(crate) use crate::result::png::canvas::ticks;
 use std::path::Path;
+
+pub use crate::result::png::style::{Style, Unit};
 
 use crate::error::{Error, Result};
 use crate::format::{significant, with_prefix};
@@ -21,10 +24,11 @@ use ndarray::{Axis, Ix2};
 ///
 /// # Errors
 /// [`Error::File`] if the file cannot be written.
-pub fn write_detector(path: &Path, detector: &Detector) -> Result<()> {
+pub fn write_detector(path: &Path, detector: &Detector, style: Style) -> Result<()> {
     canvas::register_fonts();
-    let head =
-        Head { name: &detector.name, num_rays_hit: detector.num_rays_hit, total_flux: detector.total_flux };
+    let name = detector.title.as_ref().unwrap_or(&detector.name);
+    let (num_rays_hit, total_flux) = (detector.num_rays_hit, detector.total_flux);
+    let head = Head { name, num_rays_hit, total_flux, style };
     detector.data.result().picture(path, &head).map_err(|error| Error::file(path, error))
 }
 
@@ -32,7 +36,7 @@ pub fn write_detector(path: &Path, detector: &Detector) -> Result<()> {
 ///
 /// # Errors
 /// [`Error::File`] if the file cannot be written.
-pub fn write_difference(path: &Path, detector: &DetectorDifference) -> Result<()> {
+pub fn write_difference(path: &Path, detector: &DetectorDifference, style: Style) -> Result<()> {
     canvas::register_fonts();
     let Some(map) = &detector.map else { return Ok(()) };
     let Some(of_a) = map.sides[0].data.result().map() else { return Ok(()) };
@@ -44,7 +48,7 @@ pub fn write_difference(path: &Path, detector: &DetectorDifference) -> Result<()
     let flux = &detector.flux;
     let score = flux.score().map_or(String::new(), |score| format!(", {} sigmas", significant(score, 2)));
     let numbers = format!("A − B {}{score}", with_prefix(flux.difference, "W"));
-    let head = Head { name: &flux.name, num_rays_hit: 0, total_flux: flux.difference };
+    let head = Head { name: &flux.name, num_rays_hit: 0, total_flux: flux.difference, style };
     figures::difference(path, &head, &numbers, [of_a.x, of_a.y], of_a.quantity, &values)
         .map_err(|error| Error::file(path, error))
 }

@@ -155,6 +155,8 @@ fn detector(dir: &Path, name: &str, entry: Entry, meta: Option<&Meta>) -> Result
         absorb: entry.absorb,
         total_flux: entry.total_flux,
         total_flux_standard_error: entry.total_flux_standard_error,
+        few_rays: entry.few_rays,
+        title: entry.title,
         num_rays_hit: entry.num_rays_hit,
         data,
     })

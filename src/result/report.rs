@@ -104,7 +104,8 @@ pub struct Report {
     /// errors over the sum of their values, in flux. Both errors are null where they are not known; `file` and `picture` if none was
     /// written. Detectors with pixels have `width` and `height` \[mm\]. Ray databases have `num_rays_stored`, the rows kept, whose
     /// flux is `total_flux`; `total_flux_recorded`, that of all rows; and `frame`, whose `axes` are the local x, y, z in
-    /// global coordinates and whose `origin` is in mm.
+    /// global coordinates and whose `origin` is in mm. A flux that rests on fewer than ten rays has `rests_on`, the number of rays,
+    /// and `upper_bound_95` \[W\], which the flux is below with 95 % confidence. The map of a path has a `title`, its sequence.
     pub detectors: Map<String, Value>,
     /// `[{name, kind, reached, num_rays_absorbed, total_flux_absorbed}]` in scene order; flux in W.
     pub surfaces: Vec<Value>,
@@ -228,6 +229,13 @@ fn detectors(result: &TraceResult, files: &Files) -> Map<String, Value> {
         });
         for (key, value) in detector.data.result().entry() {
             entry[key] = value;
+        }
+        if let Some(few) = detector.few_rays {
+            entry["rests_on"] = json!(few.rests_on);
+            entry["upper_bound_95"] = json!(few.upper_bound_95);
+        }
+        if let Some(title) = &detector.title {
+            entry["title"] = json!(title);
         }
         (detector.name.clone(), entry)
     });

@@ -13,6 +13,7 @@ use zip::{CompressionMethod, ZipArchive};
 
 use crate::error::{Error, Result};
 use crate::model::Frame;
+use crate::result::FewRays;
 
 /// What the report says of one detector.
 #[derive(Debug, Clone, Deserialize)]
@@ -24,6 +25,10 @@ pub(crate) struct Entry {
     pub total_flux_standard_error: Option<f64>,
     #[serde(default)]
     pub total_flux_recorded: Option<f64>,
+    #[serde(flatten)]
+    pub few_rays: Option<FewRays>,
+    #[serde(default)]
+    pub title: Option<String>,
     pub num_rays_hit: u64,
     pub file: Option<String>,
     #[serde(default)]

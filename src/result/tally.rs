@@ -7,7 +7,8 @@ use std::ops::AddAssign;
 use serde::{Deserialize, Serialize};
 
 use crate::model::{Detector, SceneIr};
-use crate::result::{PathTally, RaySet};
+use crate::result::few_rays::Brought;
+use crate::result::{PathTally, QUANTA_PER_WEIGHT, RaySet};
 
 /// Number of events and the quanta that they took.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -16,6 +17,13 @@ pub struct FluxSum {
     pub count: u64,
     /// Sum of weight before minus weight after \[quanta\].
     pub quanta: u128,
+}
+
+impl FluxSum {
+    /// The mean weight of an event; that of one new ray where there is none.
+    pub(crate) fn mean_weight(&self) -> f64 {
+        if self.count == 0 { 1.0 } else { self.quanta as f64 / QUANTA_PER_WEIGHT / self.count as f64 }
+    }
 }
 
 /// The sums of a range of rays. Adding the tallies of two disjoint ranges gives the tally of both, bit for bit, however
@@ -288,6 +296,13 @@ impl DetectorTally {
             count: self.recorded.count + self.hits.iter().sum::<u64>(),
             quanta: self.recorded.quanta + self.quanta.iter().sum::<u128>(),
         }
+    }
+
+    /// What the rays brought.
+    pub(crate) fn brought(&self) -> Brought {
+        let FluxSum { count, quanta } = self.total();
+        let squares: u128 = self.totals.iter().map(|moments| moments.squares).sum();
+        Brought { count, quanta, squares: (squares > 0).then_some(squares) }
     }
 
     /// The quanta of each cell; of a detector without cells, those of all it recorded.

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use crate::format::{plain, shown, significant, thousands};
 use crate::result::StoppedBy;
-use crate::result::{Entry, PathTable, TraceResult, gradients};
+use crate::result::{Entry, PathTable, TraceResult, few_rays, gradients};
 
 /// Rows of the table of paths that a report of a trace shows.
 const TOP_PATHS: usize = 10;
@@ -17,7 +17,7 @@ impl TraceResult {
         let is_without_edges =
             self.run.stopped_by.is_none() && self.gradients.iter().all(|row| row.with_edges.is_none());
         let gradients = (!self.gradients.is_empty()).then(|| {
-            let table = gradients::table(&self.gradients, self.ledger.launched.flux);
+            let table = gradients::table(&self.gradients, &self.detectors, self.ledger.launched.flux);
             table + if is_without_edges { gradients::WITHOUT_EDGES } else { "" }
         });
         let parts = [self.header(), self.flux_table(), self.detector_table()];
@@ -110,18 +110,21 @@ impl TraceResult {
         );
         for detector in &self.detectors {
             let passing = if detector.absorb { "" } else { "  (transmissive)" };
-            let error = detector.total_flux_standard_error.filter(|error| error.is_finite());
             let of_map = detector.mean_relative_error().filter(|error| error.is_finite());
             let _ = writeln!(
                 table,
-                "{:<width$}{:<14}{:>14}{:>14}{:>14}{:>16}{passing}",
+                "{:<width$}{:<14}{:>14}{:>14}{:>14}{:>16}{passing}{}",
                 shown(&detector.name),
                 detector.data.kind(),
                 significant(detector.total_flux, 7),
-                error.map_or("-".into(), |error| significant(error, 2)),
+                few_rays::error_or_bound(detector.few_rays, detector.total_flux_standard_error),
                 of_map.map_or("-".into(), |error| format!("{} %", significant(100.0 * error, 2))),
                 thousands(detector.num_rays_hit),
+                few_rays::remark(detector.few_rays),
             );
+        }
+        if self.detectors.iter().any(|detector| detector.few_rays.is_some()) {
+            table.push_str(few_rays::FOOTNOTE);
         }
         let has_unknown = self.detectors.iter().any(|detector| detector.total_flux_standard_error.is_none());
         if has_unknown && self.gradients.is_empty() {
@@ -172,7 +175,7 @@ impl PathTable {
                 "{:<6}{:>12}{:>12}{:>12}{:>14}",
                 row.rank,
                 significant(row.flux, 5),
-                known(row.standard_error, 2),
+                few_rays::error_or_bound(row.few_rays, row.standard_error),
                 significant(100.0 * row.share, 4),
                 thousands(row.num_rays),
             );
@@ -183,7 +186,10 @@ impl PathTable {
             if has_peaks {
                 let _ = write!(text, "{:>14}", known(row.peak_irradiance, 4));
             }
-            let _ = writeln!(text, "  {}", plain(&row.sequence));
+            let _ = writeln!(text, "  {}{}", plain(&row.sequence), few_rays::remark(row.few_rays));
+        }
+        if shown_rows.iter().any(|row| row.few_rays.is_some()) {
+            text.push_str(few_rays::FOOTNOTE);
         }
         let hidden = &self.paths[shown_rows.len()..];
         if !hidden.is_empty() {

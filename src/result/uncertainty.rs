@@ -17,6 +17,7 @@
 
 use crate::model::SceneIr;
 use crate::model::ray_id::NUM_REPLICATES;
+use crate::result::few_rays::{Brought, FewRays};
 use crate::result::{DetectorTally, FluxUnit, Moments, QUANTA_PER_WEIGHT, Tally};
 
 /// Standard error of a sum over `num_rays` rays, in units of weight; NaN for a single ray, which says nothing.
@@ -58,6 +59,8 @@ pub(crate) struct Uncertainty {
     num_rays: u64,
     rays_of_sources: Vec<u64>,
     rays_of_replicates: Vec<u64>,
+    /// The mean weight of a new ray.
+    birth_weight: f64,
     unit: FluxUnit,
     overflowed: bool,
 }
@@ -71,7 +74,8 @@ impl Uncertainty {
         let overflowed = tally.moments_overflowed;
         let rays_of_replicates = tally.rays.counts_by_remainder(u64::from(NUM_REPLICATES));
         let num_rays = tally.launched.count;
-        Uncertainty { num_rays, rays_of_sources, rays_of_replicates, unit, overflowed }
+        let birth_weight = tally.launched.mean_weight();
+        Uncertainty { num_rays, rays_of_sources, rays_of_replicates, birth_weight, unit, overflowed }
     }
 
     /// Standard error of the flux in each cell \[W\]; none where second moments were not summed. The sources are pooled:
@@ -146,6 +150,13 @@ impl Uncertainty {
         let strata = sums.totals.iter().zip(&self.rays_of_sources);
         let variance: f64 = strata.map(|(&moments, &num_rays)| variance(num_rays, moments)).sum();
         Some(self.watts(variance.sqrt()))
+    }
+
+    /// What is known of a detector's flux where it rests on few rays.
+    pub(crate) fn few_rays(&self, sums: &DetectorTally) -> Option<FewRays> {
+        let brought = sums.brought();
+        let squares = brought.squares.filter(|_| !self.overflowed);
+        Brought { squares, ..brought }.few_rays(self.birth_weight, self.unit)
     }
 
     fn watts(&self, weight: f64) -> f64 {
@@ -231,6 +242,8 @@ fn mean_root(mean: f64) -> f64 {
 /// The relative errors of one detector that was hit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct DetectorError {
+    /// It rests on few rays: nothing is promised of more.
+    is_of_few: bool,
     map: Option<MapError>,
     /// That of its flux; NaN where it is not known.
     flux: f64,
@@ -245,6 +258,7 @@ impl Errors {
         let uncertainty = Uncertainty::new(ir, tally, FluxUnit::new(QUANTA_PER_WEIGHT, 1));
         let lit = tally.detectors.iter().map(|detector| (detector, detector.total().quanta as f64));
         let errors = lit.filter(|(_, total)| *total > 0.0).map(|(detector, total)| DetectorError {
+            is_of_few: detector.brought().is_of_few(),
             map: uncertainty.of_map(detector),
             flux: uncertainty.of_total(detector).map_or(f64::NAN, |error| error / total),
         });
@@ -259,8 +273,11 @@ impl Errors {
         all.flatten().max_by(f64::total_cmp)
     }
 
-    /// So many times as many rays bring all of them to `target`; none where nothing can be said.
+    /// So many times as many rays bring all of them to `target`; none where nothing can be said, as from few rays.
     pub(crate) fn factor_to(&self, target: f64) -> Option<f64> {
+        if self.0.iter().any(|error| error.is_of_few) {
+            return None;
+        }
         let factors = self.0.iter().flat_map(|error| {
             let of_flux = Some((error.flux / target).powi(2)).filter(|factor| factor.is_finite());
             [error.map.map_or(Some(1.0), |map| map.factor_to(target)), of_flux]
@@ -347,6 +364,7 @@ mod tests {
             num_rays: 1,
             rays_of_sources: Vec::new(),
             rays_of_replicates: Vec::new(),
+            birth_weight: 1.0,
             unit: FluxUnit::new(1.0, 1),
             overflowed: false,
         };

@@ -90,7 +90,8 @@ pub fn detector_of(
     let detector = crate::model::Detector { name, ..ir.detectors[map.detector].clone() };
     let recorded = FluxSum { count: row.num_rays, quanta: 0 };
     let cells = DetectorTally { recorded, hits: vec![0; map.sums.quanta.len()], ..map.sums.clone() };
-    Detector::of_part(ir, tally, unit, &detector, &cells)
+    let found = Detector::of_part(ir, tally, unit, &detector, &cells)?;
+    Ok(Detector { few_rays: row.few_rays, title: Some(row.title()), ..found })
 }
 
 /// The rows that are listed: those of one detector, or all.

@@ -3,6 +3,7 @@
 //! A zero is a finding of its own, and has a colour that no other value has. Colours are perceptually even, and their
 //! brightness rises with the value. The colours of differences diverge from a neutral middle.
 
+use crate::format::si_prefix;
 use colorous::Gradient;
 use eframe::egui::Color32;
 use ndarray::Array2;
@@ -112,6 +113,11 @@ fn opaque(gradient: Gradient, part: f64) -> Color32 {
 }
 
 impl Scale {
+    /// The prefix of a unit beside the colours, and its factor: the profile has the same.
+    pub fn prefix(&self, unit: &str) -> (f64, &'static str) {
+        if unit == "σ" { (1.0, "") } else { si_prefix(self.high) }
+    }
+
     /// Fits a scale to values that are not negative; `percentile` is in percent.
     pub fn fit<'a>(
         kind: ScaleKind,

@@ -1,8 +1,8 @@
 //! The points of a sweep, as JSON, as comma-separated values, and as tables for people.
 
 use crate::cli::sweep::values::Numbers;
-use crate::format::{csv_text, pretty_json, shown};
-use crate::result::TraceResult;
+use crate::format::{csv_text, digits_beside, pretty_json, shown, significant};
+use crate::result::{FewRays, TraceResult, few_rays};
 use serde_json::{Map, Value, json};
 use std::fmt::Write;
 
@@ -38,6 +38,8 @@ struct Flux {
     flux: f64,
     /// Its standard error \[W\], where that is known.
     error: Option<f64>,
+    /// What is known of a flux that rests on few rays.
+    few_rays: Option<FewRays>,
 }
 
 impl Traced {
@@ -46,6 +48,7 @@ impl Traced {
             name: detector.name.clone(),
             flux: detector.total_flux,
             error: detector.total_flux_standard_error,
+            few_rays: detector.few_rays,
         });
         let totals = [
             ("absorbed", result.total_flux_absorbed),
@@ -58,7 +61,7 @@ impl Traced {
             Some(_) => format!("{name} (total)"),
             None => name.into(),
         };
-        let totals = totals.map(|(name, flux)| Flux { name: label(name), flux, error: None });
+        let totals = totals.map(|(name, flux)| Flux { name: label(name), flux, error: None, few_rays: None });
         Traced {
             seed: result.run.seed,
             num_rays: result.num_rays_total,
@@ -78,7 +81,12 @@ impl Point {
         match &self.outcome {
             Ok(Traced { seed, num_rays, fluxes }) => {
                 let flux = |flux: &Flux| {
-                    (flux.name.clone(), json!({"flux": flux.flux, "standard_error": flux.error}))
+                    let mut entry = json!({"flux": flux.flux, "standard_error": flux.error});
+                    if let Some(few) = flux.few_rays {
+                        entry["rests_on"] = json!(few.rests_on);
+                        entry["upper_bound_95"] = json!(few.upper_bound_95);
+                    }
+                    (flux.name.clone(), entry)
                 };
                 let fluxes: Map<String, Value> = fluxes.iter().map(flux).collect();
                 json!({"index": self.index, "set": numbers, "seed": seed, "num_rays": num_rays, "fluxes": fluxes})
@@ -159,6 +167,9 @@ impl Points {
             columns.push(column(ColumnKind::Flux, name, &flux));
             let errors = column(ColumnKind::Error, name, &error);
             columns.extend(errors.values.iter().any(Option::is_some).then_some(errors));
+            let bound = |point: &Point| Some(point.traced()?.fluxes[i].few_rays?.upper_bound_95);
+            let bounds = column(ColumnKind::Bound, name, &bound);
+            columns.extend(bounds.values.iter().any(Option::is_some).then_some(bounds));
         }
         columns
     }
@@ -171,6 +182,7 @@ impl Points {
             ColumnKind::Number => csv_text(name),
             ColumnKind::Flux => csv_text(&format!("{name} [W]")),
             ColumnKind::Error => csv_text(&format!("{name} standard error [W]")),
+            ColumnKind::Bound => csv_text(&format!("{name} upper bound 95 % [W]")),
         };
         let has_problems = self.is_partial() || self.num_refused() > 0;
         let line = |cells: Vec<String>, problem: &str| {
@@ -201,21 +213,41 @@ impl Points {
 
     fn table(&self) -> String {
         let columns = self.columns();
-        let title = |Column { kind, name, .. }: &Column| match kind {
-            ColumnKind::Number => format!("{:>14}", shown(name)),
-            ColumnKind::Flux => format!("{:>18}", format!("{} [W]", shown(name))),
-            ColumnKind::Error => format!("{:>12}", "error"),
+        // A bound stands in the place of the error.
+        let is_apart = |at: usize| {
+            columns[at].kind != ColumnKind::Bound || at == 0 || columns[at - 1].kind != ColumnKind::Error
         };
-        let mut text = columns.iter().map(title).collect::<String>() + "\n";
+        let shown_columns: Vec<usize> = (0..columns.len()).filter(|at| is_apart(*at)).collect();
+        let title = |at: &usize| match (columns[*at].kind, shown(&columns[*at].name)) {
+            (ColumnKind::Number, name) => format!("{name:>14}"),
+            (ColumnKind::Flux, name) => format!("{:>18}", format!("{name} [W]")),
+            (ColumnKind::Error | ColumnKind::Bound, _) => format!("{:>12}", "error"),
+        };
+        let mut text = shown_columns.iter().map(title).collect::<String>() + "\n";
         for i in 0..self.points.len() {
-            let cell = |column: &Column| match (column.kind, column.values[i]) {
-                (ColumnKind::Number, Some(value)) => format!("{value:>14.7}"),
-                (ColumnKind::Flux, Some(value)) => format!("{value:>18.7}"),
-                (ColumnKind::Error, Some(value)) => format!("{:>12}", format!("{value:.1e}")),
-                (ColumnKind::Flux, None) => format!("{:>18}", "-"),
-                (_, None) => format!("{:>12}", "-"),
+            // What a column that follows has of the point, if it is of this kind.
+            let next = |at: usize, kind: ColumnKind| {
+                columns.get(at + 1).filter(|column| column.kind == kind).and_then(|column| column.values[i])
             };
-            text += &(columns.iter().map(cell).collect::<String>() + "\n");
+            let cell = |at: &usize| {
+                let value = columns[*at].values[i];
+                let known = |digits: usize| value.map_or("-".into(), |value| significant(value, digits));
+                let bound = match columns[*at].kind {
+                    ColumnKind::Number => return format!("{:>14}", known(8)),
+                    ColumnKind::Flux => {
+                        let error = next(*at, ColumnKind::Error);
+                        return format!("{:>18}", known(digits_beside(value.unwrap_or(0.0), error)));
+                    }
+                    ColumnKind::Error => next(*at, ColumnKind::Bound),
+                    ColumnKind::Bound => value,
+                };
+                let bound = bound.map(|bound| format!("≤ {}", significant(bound, 2)));
+                format!("{:>12}", bound.unwrap_or_else(|| known(2)))
+            };
+            text += &(shown_columns.iter().map(cell).collect::<String>() + "\n");
+        }
+        if columns.iter().any(|column| column.kind == ColumnKind::Bound) {
+            text += few_rays::FOOTNOTE;
         }
         text
     }
@@ -257,10 +289,10 @@ impl Points {
             "maximum"
         );
         for row in self.quantiles() {
-            let _ = write!(text, "{:<18}{:>14.7}", shown(&row.name), row.nominal);
+            let _ = write!(text, "{:<18}{:>14}", shown(&row.name), significant(row.nominal, 7));
             row.quantiles.iter().for_each(|value| {
                 let _ = match value {
-                    Some(value) => write!(text, "{value:>14.7}"),
+                    Some(value) => write!(text, "{:>14}", significant(*value, 7)),
                     None => write!(text, "{:>14}", "-"),
                 };
             });
@@ -282,6 +314,7 @@ enum ColumnKind {
     Number,
     Flux,
     Error,
+    Bound,
 }
 
 /// A flux over the samples of tolerances.

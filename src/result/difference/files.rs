@@ -5,7 +5,7 @@ use crate::format::pretty_json;
 use crate::result::difference::{DetectorDifference, FluxDifference, SceneDifference};
 use crate::result::npz::ArrayWriter;
 use crate::result::output::{self, REPORT, file_stems, write_bytes};
-use crate::result::png;
+use crate::result::png::{self, Style};
 use ndarray::arr0;
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
@@ -22,7 +22,7 @@ pub fn file_names<'a>(detectors: impl Iterator<Item = &'a str>, pictures: bool) 
 ///
 /// # Errors
 /// [`Error::File`] with the file or folder that could not be written; `dir` is then as it was.
-pub fn write(dir: &Path, found: &SceneDifference, pictures: bool) -> Result<Vec<PathBuf>> {
+pub fn write(dir: &Path, found: &SceneDifference, pictures: Option<Style>) -> Result<Vec<PathBuf>> {
     let (names, ()) = output::write_by(dir, |folder| {
         let stems = file_stems(found.detectors.iter().map(|detector| detector.flux.name.as_str()));
         let mut names = Vec::new();
@@ -32,9 +32,9 @@ pub fn write(dir: &Path, found: &SceneDifference, pictures: bool) -> Result<Vec<
             write_arrays(&folder.join(&data), found, detector)?;
             let mut files = json!({"file": data});
             names.push(data);
-            if pictures && detector.map.is_some() {
+            if let (Some(style), Some(_)) = (pictures, &detector.map) {
                 let picture = format!("{stem}.png");
-                png::write_difference(&folder.join(&picture), detector)?;
+                png::write_difference(&folder.join(&picture), detector, style)?;
                 files["picture"] = json!(picture);
                 names.push(picture);
             }

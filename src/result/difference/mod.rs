@@ -19,7 +19,7 @@ use crate::format::{shown, sigmas};
 use crate::model::SceneIr;
 use crate::model::detectors::grid::PixelGrid;
 use crate::model::place::did_you_mean;
-use crate::result::{Detector, DetectorTally, FluxUnit, Ledger, RunInfo, Tally};
+use crate::result::{Detector, DetectorTally, FewRays, FluxUnit, Ledger, RunInfo, Tally};
 use ndarray::{ArrayD, Dimension};
 use serde::Serialize;
 
@@ -37,11 +37,19 @@ pub struct FluxDifference {
     pub difference: f64,
     /// Standard error of the difference; none where it is not known.
     pub standard_error: Option<f64>,
+    /// What is known of a difference that rests on few rays: of those that go other ways in A than in B. The bound is that of its
+    /// size.
+    #[serde(flatten)]
+    pub few_rays: Option<FewRays>,
 }
 
 impl FluxDifference {
-    /// The difference in standard errors: 0 where there is none but by rounding, none where the error is not known or 0.
+    /// The difference in standard errors: 0 where there is none but by rounding, none where the error is not known or 0, and
+    /// where the difference rests on few rays.
     pub fn score(&self) -> Option<f64> {
+        if self.few_rays.is_some() {
+            return None;
+        }
         sigmas(self.difference, self.standard_error, self.largest()).filter(|sigmas| sigmas.is_finite())
     }
 
@@ -228,19 +236,23 @@ impl<'a> Pairing<'a> {
         let errors = spreads.map(|spread| {
             spread.errors().map(|errors| errors.iter().map(|error| error * scale).collect::<Vec<_>>())
         });
-        let number = |name: &str, a: f64, b: f64, errors: &Option<Vec<f64>>, at: usize| FluxDifference {
+        // No ray brings one scene more than the other by more than it was born with.
+        let births = [0, 1].map(|side| units[side].watts_of_weight(tallies[side].launched.mean_weight()));
+        let number = |name: &str, [a, b]: [f64; 2], kind: usize, at: usize| FluxDifference {
             name: name.into(),
             a,
             b,
             difference: a - b,
-            standard_error: errors.as_ref().and_then(|errors| errors.get(at).copied()),
+            standard_error: errors[kind].as_ref().and_then(|errors| errors.get(at).copied()),
+            few_rays: FewRays::of_difference(spreads[kind].rests_on(at), a - b, births),
         };
         let line = |(at, name): (usize, &str)| {
-            let line = number(name, a.lines[at], b.lines[at], &errors[0], at);
-            // What sources launch is no estimate.
+            let line = number(name, [a.lines[at], b.lines[at]], 0, at);
+            // What sources launch is no estimate, and lines that no ray changes are many.
+            let few_rays = line.few_rays.filter(|few| few.rests_on > 0 && name != "launched");
             let standard_error =
                 line.standard_error.map(|error| if name == "launched" { 0.0 } else { error });
-            FluxDifference { standard_error, ..line }
+            FluxDifference { standard_error, few_rays, ..line }
         };
         let has_light = |line: &FluxDifference| line.a != 0.0 || line.b != 0.0;
         let surfaces = self.surfaces.iter().map(|(name, _)| name.as_str());
@@ -286,7 +298,7 @@ impl<'a> Pairing<'a> {
                 _ => None,
             };
             found.detectors.push(DetectorDifference {
-                flux: number(&of_a.name, a.detected[at], b.detected[at], &errors[1], at),
+                flux: number(&of_a.name, [a.detected[at], b.detected[at]], 1, at),
                 kind: of_a.kind.function().name(),
                 num_rays_hit: sums.map(|sums| sums.total().count),
                 map,
@@ -361,6 +373,7 @@ mod tests {
             b: 0.0,
             difference,
             standard_error,
+            few_rays: None,
         };
         assert_eq!(number(3.0, Some(1.5)).score(), Some(2.0));
         assert_eq!(number(3.0, Some(0.0)).score(), None);

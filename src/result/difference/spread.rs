@@ -14,6 +14,8 @@ pub struct Spread {
     means: Vec<f64>,
     /// S so far.
     squares: Vec<f64>,
+    /// Blocks whose sum is not 0.
+    lit: Vec<u32>,
 }
 
 impl Spread {
@@ -24,6 +26,8 @@ impl Spread {
         }
         self.means.resize(sums.len(), 0.0);
         self.squares.resize(sums.len(), 0.0);
+        self.lit.resize(sums.len(), 0);
+        self.lit.iter_mut().zip(sums).for_each(|(lit, sum)| *lit += u32::from(*sum != 0.0));
         let (before, of_block) = (self.num_rays as f64, num_rays as f64);
         let all = before + of_block;
         for ((mean, square), sum) in self.means.iter_mut().zip(&mut self.squares).zip(sums) {
@@ -38,6 +42,12 @@ impl Spread {
     /// Blocks with rays.
     pub fn num_blocks(&self) -> u32 {
         self.num_blocks
+    }
+
+    /// The number of rays that the sum of this number rests on, where it is fewer than there are blocks: so few rays seldom share
+    /// a block. None where each block has some.
+    pub(crate) fn rests_on(&self, number: usize) -> Option<u64> {
+        self.lit.get(number).filter(|lit| **lit < self.num_blocks).map(|lit| u64::from(*lit))
     }
 
     /// The standard error of each sum over all rays; none from fewer than two blocks.

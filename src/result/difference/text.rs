@@ -2,6 +2,7 @@
 
 use crate::format::{plain, score, shown, significant, thousands};
 use crate::result::difference::{DetectorDifference, FluxDifference, SceneDifference};
+use crate::result::few_rays;
 use std::fmt::Write;
 
 impl SceneDifference {
@@ -34,6 +35,12 @@ impl SceneDifference {
                     let _ = writeln!(text, "{:<width$}{}", shown(&row.name), columns(row));
                 });
             }
+        }
+        let mut all =
+            self.detectors.iter().map(|detector| &detector.flux).chain(&self.totals).chain(&self.surfaces);
+        if all.any(|row| row.few_rays.is_some()) {
+            text.push('\n');
+            text += few_rays::FOOTNOTE;
         }
         if !self.notes.is_empty() {
             text.push('\n');
@@ -71,13 +78,17 @@ impl SceneDifference {
 }
 
 fn columns(row: &FluxDifference) -> String {
-    let error = row.standard_error.map_or("-".into(), |error| significant(error, 2));
-    let score = score(row.difference, row.standard_error, row.largest());
+    let error = few_rays::error_or_bound(row.few_rays, row.standard_error);
+    let score = match row.few_rays {
+        Some(_) => "-".into(),
+        None => score(row.difference, row.standard_error, row.largest()),
+    };
     format!(
-        "{:>13}{:>13}{:>13}{error:>11}{score:>9}",
+        "{:>13}{:>13}{:>13}{error:>11}{score:>9}{}",
         significant(row.a, 7),
         significant(row.b, 7),
-        significant(row.difference, 3)
+        significant(row.difference, 3),
+        few_rays::remark(row.few_rays)
     )
 }
 

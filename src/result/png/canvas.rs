@@ -11,7 +11,7 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::{FontStyle, FontTransform, register_font};
 
-use crate::format::{si_prefix, significant};
+use crate::format::significant;
 use crate::result::png::raster::{Colors, Raster};
 
 /// Only writing the file can fail; the message is the reason.
@@ -134,6 +134,17 @@ fn tick(value: f64, step: f64) -> (f64, String) {
         significant(value, 6)
     };
     (value, label.replace('-', "−"))
+}
+
+/// Powers of ten between two of their logarithms, all or every second and so on; over less than two of them also twice and
+/// five times a power.
+pub(super) fn decades((low, high): (f64, f64)) -> impl Iterator<Item = f64> {
+    const ROUNDING: f64 = 1e-9;
+    let factors: &[f64] = if high - low < 2.0 { &[1.0, 2.0, 5.0] } else { &[1.0] };
+    let every = 1 + (high - low) as i32 / 7;
+    let powers = (low.floor() as i32..=high.ceil() as i32).filter(move |power| power % every == 0);
+    let values = powers.flat_map(move |power| factors.iter().map(move |factor| factor * 10f64.powi(power)));
+    values.filter(move |value| (low - ROUNDING..=high + ROUNDING).contains(&value.log10()))
 }
 
 /// The name of an axis with its unit.
@@ -273,8 +284,8 @@ impl Canvas<'_> {
     pub fn color_bar(&self, place: Place, bar: &ColorBar) -> Drawn {
         let mut raster = Raster::filled(place.width as usize, place.height as usize, [0; 3]);
         for (row, pixels) in raster.rgb.chunks_exact_mut(3 * place.width as usize).enumerate() {
-            let (low, part) = (bar.colors.low(), row as f64 / f64::from(place.height - 1).max(1.0));
-            let color = bar.colors.color(1.0 + (low - 1.0) * part);
+            let part = row as f64 / f64::from(place.height - 1).max(1.0);
+            let color = bar.colors.color(bar.colors.fraction(part));
             pixels.chunks_exact_mut(3).for_each(|pixel| pixel.copy_from_slice(&[color.r, color.g, color.b]));
         }
         self.raster(place, raster)?;
@@ -345,28 +356,42 @@ impl Canvas<'_> {
 
 /// A colour bar in the making.
 pub(super) struct ColorBar {
+    /// The unit of its labels: how many units of the values it is, and its name.
+    pub unit: (f64, String),
     axis: Axis,
     colors: Colors,
 }
 
 impl ColorBar {
     /// The bar of a quantity up to `top`, along `length` pixels.
-    pub fn new(quantity: &str, unit: &str, (top, colors): (f64, Colors), length: i32, text: f64) -> Self {
-        let (factor, prefix) = si_prefix(top);
-        let label = with_unit(quantity, &format!("{prefix}{unit}"));
-        // Without any flux there is one colour, that of zero, and one honest tick.
-        let axis = if top > 0.0 {
-            Axis::vertical(&label, (colors.low() * top / factor, top / factor), length, text)
-        } else {
-            Axis { label, range: (colors.low(), 1.0), ticks: vec![(0.0, "0".into())] }
+    pub fn new(
+        quantity: &str,
+        unit: (f64, String),
+        (top, colors): (f64, Colors),
+        length: i32,
+        text: f64,
+    ) -> Self {
+        let label = with_unit(quantity, &unit.1);
+        let range = (colors.fraction(1.0) * top / unit.0, top / unit.0);
+        let axis = match colors {
+            // Without any flux there is one colour, that of zero, and one honest tick.
+            _ if top <= 0.0 => {
+                Axis { label, range: (colors.fraction(1.0), 1.0), ticks: vec![(0.0, "0".into())] }
+            }
+            Colors::Log(_) => {
+                let range = (range.0.log10(), range.1.log10());
+                let label_of = |value: f64| (value.log10(), significant(value, 3).replace('-', "−"));
+                Axis { label, range, ticks: decades(range).map(label_of).collect() }
+            }
+            Colors::Rising | Colors::Diverging => Axis::vertical(&label, range, length, text),
         };
-        ColorBar { axis, colors }
+        ColorBar { unit, axis, colors }
     }
 
     /// What a map says that has no colour but that of zero.
     pub fn note(&self) -> &'static str {
         match self.colors {
-            Colors::Rising => "no rays",
+            Colors::Rising | Colors::Log(_) => "no rays",
             Colors::Diverging => "no difference",
         }
     }

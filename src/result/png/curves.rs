@@ -6,7 +6,7 @@ use plotters::style::text_anchor::{HPos, VPos};
 
 use crate::error::{Error, Result};
 use crate::format::{si_prefix, significant};
-use crate::result::png::canvas::{self, Axis, Canvas, Drawn, Place, picture, text_width};
+use crate::result::png::canvas::{self, Axis, Canvas, Drawn, Place, decades, picture, text_width};
 
 /// Panels of curves.
 #[derive(Debug, Clone, PartialEq)]
@@ -159,14 +159,9 @@ fn axis(quantity: &Quantity, values: impl Iterator<Item = f64>) -> Axis {
     Axis { label: quantity.name.clone(), range, ticks: ticks(range, quantity.unit) }
 }
 
-/// Powers of ten, all or every second and so on; over less than two of them also twice and five times a power.
-fn ticks((low, high): (f64, f64), unit: &str) -> Vec<(f64, String)> {
-    let factors: &[f64] = if high - low < 2.0 { &[1.0, 2.0, 5.0] } else { &[1.0] };
-    let every = 1 + (high - low) as i32 / 7;
-    let powers = (low.floor() as i32..=high.ceil() as i32).filter(|power| power % every == 0);
-    let values = powers.flat_map(|power| factors.iter().map(move |factor| factor * 10f64.powi(power)));
-    let ticks = values.map(|value| (value.log10(), tick(value, unit)));
-    ticks.filter(|(at, _)| (low..=high).contains(at)).collect()
+/// Those of [`decades`], with a unit.
+fn ticks(range: (f64, f64), unit: &str) -> Vec<(f64, String)> {
+    decades(range).map(|value| (value.log10(), tick(value, unit))).collect()
 }
 
 fn tick(value: f64, unit: &str) -> String {

@@ -8,6 +8,7 @@ use crate::format::{self, si_prefix, significant, thousands, with_prefix};
 pub(crate) use crate::result::png::canvas::Drawn;
 use crate::result::png::canvas::{Axis, Canvas, ColorBar, Place, picture, text_width, with_unit};
 use crate::result::png::raster::{self, Colors, Raster};
+use crate::result::png::style::Style;
 use ndarray::Array2;
 
 /// Sizes in multiples of the text size.
@@ -81,19 +82,24 @@ pub(crate) struct Head<'a> {
     pub num_rays_hit: u64,
     /// Flux \[W\].
     pub total_flux: f64,
+    /// How values are shown.
+    pub style: Style,
 }
 
 /// The line of numbers below a title.
-fn numbers(head: &Head, peak: Option<(f64, &str)>) -> String {
+fn numbers(head: &Head, peak: Option<(f64, &ColorBar)>) -> String {
     let mut parts = vec![format!("{} rays", thousands(head.num_rays_hit)), with_prefix(head.total_flux, "W")];
-    parts.extend(peak.map(|(peak, unit)| format!("peak {}", with_prefix(peak, unit))));
+    parts.extend(peak.map(|(peak, bar)| {
+        let (factor, unit) = &bar.unit;
+        format!("peak {} {unit}", significant(peak / factor, 4))
+    }));
     parts.join(" · ")
 }
 
 /// Irradiance over x and y, true to scale.
 pub(crate) fn map(path: &Path, head: &Head, size: (f64, f64), values: &Array2<f64>) -> Drawn {
-    let numbers = numbers(head, Some((raster::maximum(values), "W/mm²")));
-    let panel = MapPanel::new(size, values);
+    let panel = MapPanel::new(size, values, head.style);
+    let numbers = numbers(head, Some((raster::maximum(values), &panel.bar)));
     let layout = panel.layout(head, &numbers, 0);
     picture(path, layout.size, panel.text, |canvas| {
         canvas.title(layout.head, &format::shown(head.name), &numbers)?;
@@ -110,7 +116,8 @@ pub(crate) fn difference(
     (name, unit): (&str, &str),
     values: &Array2<f64>,
 ) -> Drawn {
-    let panel = MapPanel::of_spans(spans, (&format!("{name}, A − B"), unit), values, Colors::Diverging);
+    let name = format!("{name}, A − B");
+    let panel = MapPanel::of_spans(spans, (&name, unit), values, (Colors::Diverging, head.style));
     let layout = panel.layout(head, numbers, 0);
     picture(path, layout.size, panel.text, |canvas| {
         canvas.title(layout.head, &format::shown(head.name), numbers)?;
@@ -126,8 +133,8 @@ pub(crate) fn map_and_spectrum(
     broadband: &Array2<f64>,
     bins: (&[f64], &[f64]),
 ) -> Drawn {
-    let numbers = numbers(head, Some((raster::maximum(broadband), "W/mm²")));
-    let panel = MapPanel::new(size, broadband);
+    let panel = MapPanel::new(size, broadband, head.style);
+    let numbers = numbers(head, Some((raster::maximum(broadband), &panel.bar)));
     let text = panel.text;
     let px = |times: f64| (times * text).round() as i32;
     let layout = panel.layout(head, &numbers, px(9.0 + FOOT));
@@ -174,13 +181,18 @@ struct MapPanel {
 }
 
 impl MapPanel {
-    fn new((width, height): (f64, f64), values: &Array2<f64>) -> Self {
+    fn new((width, height): (f64, f64), values: &Array2<f64>, style: Style) -> Self {
         let span = |name, size: f64| Span { label: (name, "mm"), range: (-size / 2.0, size / 2.0) };
         let spans = [span("x", width), span("y", height)];
-        Self::of_spans(spans, ("Irradiance", "W/mm²"), values, Colors::Rising)
+        Self::of_spans(spans, ("Irradiance", "W/mm²"), values, (Colors::rising(style), style))
     }
 
-    fn of_spans([x, y]: [Span; 2], (name, unit): (&str, &str), values: &Array2<f64>, colors: Colors) -> Self {
+    fn of_spans(
+        [x, y]: [Span; 2],
+        (name, unit): (&str, &str),
+        values: &Array2<f64>,
+        (colors, style): (Colors, Style),
+    ) -> Self {
         let (ny, nx) = values.dim();
         let length = |span: &Span| span.range.1 - span.range.0;
         let size = raster::map_size((length(&x), length(&y)), (nx, ny));
@@ -191,7 +203,13 @@ impl MapPanel {
             text,
             x: Axis::horizontal(&with_unit(x.label.0, x.label.1), x.range, size.0 as i32, text),
             y: Axis::vertical(&with_unit(y.label.0, y.label.1), y.range, size.1 as i32, text),
-            bar: ColorBar::new(name, unit, (shown.top, colors), bar_length, text),
+            bar: ColorBar::new(
+                name,
+                style.unit_of(unit, shown.top),
+                (shown.top, shown.colors),
+                bar_length,
+                text,
+            ),
             shown,
         }
     }
@@ -226,9 +244,10 @@ pub(crate) fn directions(path: &Path, head: &Head, intensity: &Array2<f64>) -> D
     let limit = shown_angle(intensity);
     let text = text_size((SIZE, SIZE));
     let px = |times: f64| (times * text).round() as i32;
-    let numbers = numbers(head, Some((raster::maximum(intensity), "W/sr")));
-    let mut shown = raster::polar(intensity, limit, SIZE);
-    let bar = ColorBar::new("Intensity", "W/sr", (shown.top, Colors::Rising), SIZE as i32, text);
+    let mut shown = raster::polar(intensity, limit, SIZE, Colors::rising(head.style));
+    let unit = head.style.unit_of("W/sr", shown.top);
+    let bar = ColorBar::new("Intensity", unit, (shown.top, shown.colors), SIZE as i32, text);
+    let numbers = numbers(head, Some((shown.top, &bar)));
     let axis = polar_axis(limit);
     for (angle, _) in axis.ticks.iter().filter(|(angle, _)| *angle > 0.0 && *angle < limit) {
         let radius = angle / limit * SIZE as f64 / 2.0;

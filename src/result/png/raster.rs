@@ -1,5 +1,6 @@
 //! Pictures of data: maps, polar patterns and spots as RGB pixels, top row first.
 
+use crate::result::png::style::Style;
 use colorous::{Color, Gradient};
 use ndarray::Array2;
 use rayon::prelude::*;
@@ -24,6 +25,8 @@ pub(super) struct Shown {
     pub raster: Raster,
     /// The value that has the top colour.
     pub top: f64,
+    /// What its colours mean.
+    pub colors: Colors,
 }
 
 impl Raster {
@@ -98,22 +101,38 @@ pub(super) enum Colors {
     Rising,
     /// From the top value below zero to that above, with zero white.
     Diverging,
+    /// From so many decades below the top value to that, by the logarithm; zero is black.
+    Log(u8),
 }
 
 impl Colors {
+    /// Those of values that are not negative.
+    pub fn rising(style: Style) -> Self {
+        if style.is_log { Colors::Log(1) } else { Colors::Rising }
+    }
+
+    /// With as many decades as the values need.
+    fn fitted(self, values: &Array2<f64>, top: f64) -> Self {
+        const MOST_DECADES: f64 = 6.0;
+        let Colors::Log(_) = self else { return self };
+        let least = values.iter().copied().filter(|value| *value > 0.0).fold(top, f64::min);
+        Colors::Log((top / least).log10().ceil().clamp(1.0, MOST_DECADES) as u8)
+    }
+
     /// The value of the top colour.
     fn top(self, values: &Array2<f64>) -> f64 {
         match self {
-            Colors::Rising => maximum(values),
+            Colors::Rising | Colors::Log(_) => maximum(values),
             Colors::Diverging => values.iter().fold(0.0, |top, value| value.abs().max(top)),
         }
     }
 
-    /// The least value that has a colour of its own, over the top value.
-    pub fn low(self) -> f64 {
+    /// A value over the top value, by how far its colour lies from the top of a bar to its foot, in 0..=1.
+    pub fn fraction(self, part: f64) -> f64 {
         match self {
-            Colors::Rising => 0.0,
-            Colors::Diverging => -1.0,
+            Colors::Rising => 1.0 - part,
+            Colors::Diverging => 1.0 - 2.0 * part,
+            Colors::Log(decades) => 10_f64.powf(-f64::from(decades) * part),
         }
     }
 
@@ -121,6 +140,13 @@ impl Colors {
     pub fn color(self, fraction: f64) -> Color {
         match self {
             Colors::Rising => map_color(fraction),
+            Colors::Log(_) if fraction <= 0.0 => map_color(0.0),
+            Colors::Log(decades) => {
+                // Faint light is told from none.
+                const FIRST: f64 = 0.1;
+                let part = 1.0 + fraction.log10() / f64::from(decades);
+                map_color(FIRST + (1.0 - FIRST) * part.clamp(0.0, 1.0))
+            }
             // Red above zero.
             Colors::Diverging => colorous::RED_BLUE.eval_continuous((0.5 - 0.5 * fraction).clamp(0.0, 1.0)),
         }
@@ -169,6 +195,7 @@ pub(super) fn map(values: &Array2<f64>, (width, height): (usize, usize), colors:
     };
     let shown = Array2::from_shape_fn((rows.len(), columns.len()), |(y, x)| mean(&rows[y].0, &columns[x].0));
     let top = colors.top(&shown);
+    let colors = colors.fitted(&shown, top);
     let mut rgb = Vec::with_capacity(3 * width * height);
     for ((_, height), means) in rows.iter().zip(shown.rows()).rev() {
         let means = means.iter().map(|mean| colors.color(if top > 0.0 { mean / top } else { 0.0 }));
@@ -178,7 +205,7 @@ pub(super) fn map(values: &Array2<f64>, (width, height): (usize, usize), colors:
             .collect();
         (0..*height).for_each(|_| rgb.extend_from_slice(&row));
     }
-    Shown { raster: Raster { width, height, rgb }, top }
+    Shown { raster: Raster { width, height, rgb }, top, colors }
 }
 
 /// The cells that pixels along an axis show, with how many pixels side by side show the same.
@@ -206,9 +233,10 @@ fn covered(index: usize, cells: usize, pixels: usize) -> Range<usize> {
 
 /// A far-field pattern as a disc of directions out to `limit` \[deg\]: the polar angle grows from the middle, the azimuth
 /// turns counter-clockwise from the right. The rim is smoothed on white.
-pub(super) fn polar(intensity: &Array2<f64>, limit: f64, size: usize) -> Shown {
+pub(super) fn polar(intensity: &Array2<f64>, limit: f64, size: usize, colors: Colors) -> Shown {
     let top = maximum(intensity);
-    let colors = intensity.mapv(|value| map_color(if top > 0.0 { value / top } else { 0.0 }));
+    let meaning = colors.fitted(intensity, top);
+    let colors = intensity.mapv(|value| meaning.color(if top > 0.0 { value / top } else { 0.0 }));
     let directions = Directions::new(intensity.dim(), limit);
     let mut raster = Raster::filled(size, size, [255; 3]);
     raster.rgb.par_chunks_mut(3 * size * Band::HEIGHT).enumerate().for_each(|(number, rgb)| {
@@ -216,7 +244,7 @@ pub(super) fn polar(intensity: &Array2<f64>, limit: f64, size: usize) -> Shown {
         let rows = first..(first + Band::HEIGHT).min(size);
         Band { colors: &colors, directions: directions.clone(), size, first, rgb }.draw(0..size, rows);
     });
-    Shown { raster, top }
+    Shown { raster, top, colors: meaning }
 }
 
 /// Some rows of a disc of directions in the making.
@@ -378,6 +406,25 @@ mod tests {
     }
 
     #[test]
+    fn logarithmic_colours_are_as_far_apart_as_ratios() {
+        let shown = map(&array![[0.0, 1e-9, 1e-4, 1e-2, 1.0]], (5, 1), Colors::Log(1));
+        assert_eq!(shown.colors, Colors::Log(6), "no more, whatever the values");
+        let pixel = |at: usize| &shown.raster.rgb[3 * at..3 * at + 3];
+        let of_map = |fraction| [map_color(fraction).r, map_color(fraction).g, map_color(fraction).b];
+        assert_eq!(pixel(0), of_map(0.0));
+        assert_eq!(pixel(1), of_map(0.1), "below all decades, and not none");
+        assert_eq!(pixel(2), of_map(0.4));
+        assert_eq!(pixel(3), of_map(0.7));
+        assert_eq!(pixel(4), of_map(1.0));
+        let few = map(&array![[0.5, 0.2, 1.0]], (3, 1), Colors::Log(1));
+        assert_eq!(few.colors, Colors::Log(1));
+        // A bar has the colours of its values.
+        assert!((few.colors.fraction(0.5) - 0.1_f64.sqrt()).abs() < 1e-12);
+        assert_eq!([0.0, 0.5, 1.0].map(|part| Colors::Diverging.fraction(part)), [1.0, 0.0, -1.0]);
+        assert_eq!(map(&array![[0.0]], (1, 1), Colors::Log(1)).top, 0.0);
+    }
+
+    #[test]
     fn a_difference_is_red_above_zero_blue_below_and_white_between() {
         let shown = map(&array![[-2.0, 0.0, 1.0]], (3, 1), Colors::Diverging);
         assert_eq!(shown.top, 2.0);
@@ -397,7 +444,7 @@ mod tests {
     #[test]
     fn azimuth_turns_from_right_to_up() {
         // One ring of four sectors: -180 to -90, -90 to 0, 0 to 90, 90 to 180 degrees.
-        let shown = polar(&array![[0.0, 0.0, 1.0, 0.0]], 90.0, 100);
+        let shown = polar(&array![[0.0, 0.0, 1.0, 0.0]], 90.0, 100, Colors::Rising);
         let at = |x: usize, y: usize| &shown.raster.rgb[3 * (100 * y + x)..][..3];
         assert_eq!(at(65, 35), [252, 255, 164], "the upper right");
         assert_eq!(at(35, 35), [0, 0, 4]);

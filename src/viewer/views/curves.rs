@@ -24,7 +24,8 @@ pub fn show(app: &mut App, ui: &mut Ui) {
         Picture::Map { field, other, scale, .. } => {
             let line = app.model.marks().line.unwrap_or_else(|| default_line(field));
             let log = scale.kind == ScaleKind::Log && !scale.diverging;
-            let lines = Lines { field, other: other.as_deref(), line, log };
+            let prefix = scale.prefix(field.labels.value.1);
+            let lines = Lines { field, other: other.as_deref(), line, log, prefix };
             lines.show(ui, left);
         }
         Picture::Spots(spots) => wavelengths(ui, left, spots),
@@ -58,6 +59,8 @@ struct Lines<'a> {
     other: Option<&'a Field>,
     line: Line,
     log: bool,
+    /// That of the colour bar, with its factor.
+    prefix: (f64, &'static str),
 }
 
 impl Lines<'_> {
@@ -66,12 +69,13 @@ impl Lines<'_> {
         let others = self.other.map(|other| profile(other, self.line)).unwrap_or_default();
         let all = || samples.iter().chain(&others);
         let (_, unit) = self.field.labels.value;
+        let (factor, prefix) = self.prefix;
         let top =
-            all().map(|sample| sample.value.abs()).filter(|value| value.is_finite()).fold(0.0, f64::max);
-        let (factor, prefix) = if unit == "σ" || self.log { (1.0, "") } else { si_prefix(top) };
+            all().map(|sample| sample.value.abs()).filter(|value| value.is_finite()).fold(0.0, f64::max)
+                / factor;
         let with_error = |sample: &Sample| sample.value + sample.sigma.max(0.0).min(sample.value.abs());
         let y = if self.log {
-            let lit = all().map(|sample| sample.value).filter(|value| *value > 0.0);
+            let lit = all().map(|sample| sample.value / factor).filter(|value| *value > 0.0);
             let low = lit.fold(f64::INFINITY, f64::min);
             if low < top {
                 (low.log10() - 0.1, top.log10() + 0.2)
@@ -89,7 +93,10 @@ impl Lines<'_> {
         let plot = Plot { log_y: self.log, ..plot("Profile", home, x, (self.field.labels.value.0, &unit)) };
         let colors = Colors::of(ui);
         plot.show(ui, rect, &mut None, |_, painter, frame| {
-            let place = |value: f64| if self.log { value.max(1e-300).log10() } else { value / factor };
+            let place = |value: f64| {
+                let value = value / factor;
+                if self.log { value.max(1e-300).log10() } else { value }
+            };
             for (samples, color) in [(&others, colors.second), (&samples, colors.curve)] {
                 staircase(painter, frame, start, samples, color, place);
             }

@@ -1,6 +1,5 @@
 //! The plot of a detector: a map or a spot diagram, with the user's marks.
 
-use crate::format::si_prefix;
 use crate::viewer::field::{Field, Geometry};
 use crate::viewer::model::{Marks, Picture};
 use crate::viewer::plot::{self, Frame, Plot, Shown, View};
@@ -434,7 +433,7 @@ fn color_bar(app: &App, ui: &Ui, rect: Rect, field: &Field, scale: &Scale) {
     let (name, unit) = field.labels.value;
     let text = plot::Colors::of(ui).text;
     let font = FontId::proportional(12.0);
-    let (factor, prefix) = if unit == "σ" { (1.0, "") } else { si_prefix(scale.high) };
+    let (factor, prefix) = scale.prefix(unit);
     let title = format!("{name}\n[{prefix}{unit}]");
     let left = rect.left() + 6.0;
     let galley = ui.painter().layout(title, font.clone(), text, rect.right() - left);

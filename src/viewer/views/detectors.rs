@@ -62,7 +62,11 @@ fn entry(ui: &mut Ui, subject: &Subject, name: &str, detector: Option<&Detector>
     let line = match detector {
         Some(detector) => {
             let kind = detector.data.kind().replace('_', " ");
-            format!("{kind} · {} · {} rays", value(detector.total_flux, "W"), rounded(detector.num_rays_hit))
+            let few = detector.few_rays.map_or(String::new(), |few| {
+                format!(" · {}, at most {}", few.text(), value(few.upper_bound_95, "W"))
+            });
+            let rays = rounded(detector.num_rays_hit);
+            format!("{kind} · {} · {rays} rays{few}", value(detector.total_flux, "W"))
         }
         None => "no rays yet".into(),
     };

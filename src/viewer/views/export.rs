@@ -91,7 +91,7 @@ fn write_detector(
     match format {
         Format::Png => {
             let path = free_path(folder, name, ".png");
-            png::write_detector(&path, detector).map(|()| path)
+            png::write_detector(&path, detector, png::Style::default()).map(|()| path)
         }
         _ => {
             let path = free_path(folder, name, ".npz");

@@ -1,6 +1,7 @@
 //! The panel on the right: what the cursor reads, the figures of the region, the ledger, and warnings.
 
 use crate::format::{percent, significant, thousands};
+use crate::result::few_rays::ENOUGH_RAYS;
 use crate::result::{Entry, TraceResult};
 use crate::viewer::field::Labels;
 use crate::viewer::model::{Picture, RegionFigures, Subject};
@@ -114,7 +115,11 @@ fn of_map(ui: &mut Ui, figures: &Statistics, labels: &Labels, of_paths: bool) {
     }
     // A sum of ratios is not a flux.
     if unit != "σ" {
-        row(ui, "flux", &with_error(figures.flux, figures.flux_sigma, labels.flux));
+        // The spread of few rays tells no error.
+        let is_of_few = !of_paths && figures.hits < ENOUGH_RAYS;
+        let sigma = if is_of_few { f64::NAN } else { figures.flux_sigma };
+        let remark = if is_of_few { " (few rays)" } else { "" };
+        row(ui, "flux", &(with_error(figures.flux, sigma, labels.flux) + remark));
     }
     row(ui, "mean", &value(figures.mean, unit));
     row(ui, "peak", &value(figures.peak, unit));

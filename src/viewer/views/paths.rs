@@ -203,7 +203,10 @@ fn number(value: f64) -> String {
 fn of_row(light: &Light, index: usize, row: &LightPath) -> Line {
     let has_map = light.listing().is_some_and(|listing| listing.has_map(index));
     let mut hint = row.sequence.clone();
-    if let Some(error) = row.standard_error.filter(|error| error.is_finite()) {
+    if let Some(few) = row.few_rays {
+        hint +=
+            &format!("\n{}: flux at most {} W, with 95 % confidence", few.text(), number(few.upper_bound_95));
+    } else if let Some(error) = row.standard_error.filter(|error| error.is_finite()) {
         hint += &format!("\nflux {} ± {} W", number(row.flux), number(error));
     }
     if let Some([x, y]) = row.centroid {
