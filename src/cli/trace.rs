@@ -240,7 +240,7 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
     let mut is_stopped = tally.launched.count < options.num_rays || !missing.is_empty();
     if args.gradient_edges && !is_stopped {
         let done = differentiated.num_passes() * options.num_rays;
-        match differentiated.add_edges(&gpu, &options, &mut gradients, |rays| keep_going(done + rays)) {
+        match differentiated.add_edges(&gpu, &options, None, &mut gradients, |rays| keep_going(done + rays)) {
             Err(Error::Interrupted) => is_stopped = true,
             added => added?,
         }
