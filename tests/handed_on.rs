@@ -14,7 +14,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use command::{run, stderr};
-use nsq_gpu::model::{Coating, Interaction, PathFilter, ReflectProb, SceneIr, SimpleCoating};
+use nsq_gpu::model::{PathFilter, ReflectProb, SceneIr};
 use nsq_gpu::program::Precision;
 use nsq_gpu::trace::auto_precision::{Need, predict};
 use nsq_gpu::trace::difference::Pair;
@@ -83,8 +83,8 @@ const OPTIONS: &[(&str, Handed)] = &[
     ("reflect-prob", Changes(&["--reflect-prob=0.5"])),
     ("split-depth", Refused(&["--split-depth=1"], "split rays")),
     ("checkpoint", Refused(&["--checkpoint=sums.bin"], "--checkpoint")),
-    ("overwrite", Refused(&["--overwrite"], "--checkpoint")),
-    ("checkpoint-interval", Refused(&["--checkpoint-interval=1s"], "--checkpoint")),
+    ("overwrite", Refused(&["--overwrite"], "--overwrite")),
+    ("checkpoint-interval", Refused(&["--checkpoint-interval=1s"], "--checkpoint-interval")),
     ("resume", Refused(&["--resume=sums.bin"], "--resume")),
     ("adapter", Elsewhere),
     ("portable", Same(&["--portable"])),
@@ -173,7 +173,7 @@ fn every_option_of_a_trace_reaches_both_traces_of_a_derivative_and_of_a_differen
             }
             Same(arguments) => assert_eq!(derivatives(&scene, arguments).unwrap(), plain, "{name}"),
             Refused(arguments, text) => {
-                let said = derivatives(&scene, arguments).unwrap_err();
+                let said = derivatives(&scene, arguments).expect_err(name);
                 assert!(said.contains(text), "{name}: {said}");
             }
             Elsewhere => {}
@@ -183,16 +183,15 @@ fn every_option_of_a_trace_reaches_both_traces_of_a_derivative_and_of_a_differen
 
 /// A double Gauss whose faces reflect a hundredth.
 fn coated_double_gauss() -> String {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/double_gauss.json");
-    let mut scene: Value = serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
-    for surface in scene["nsq_gpu"]["surfaces"].as_array_mut().unwrap() {
-        if surface["interaction"] == "refractive" {
-            surface["coating"] =
-                serde_json::json!({"type": "simple", "reflectance": 0.01, "transmittance": 0.99});
-        }
-    }
-    scene["sources"].as_array_mut().unwrap().truncate(1);
-    scene.to_string()
+    let text = std::fs::read_to_string(zoo::repository("scenes/double_gauss.json")).unwrap();
+    let face = "\"interaction\": \"refractive\",";
+    assert!(text.contains(face));
+    text.replace(
+        face,
+        &format!(
+            "{face} \"coating\": {{\"type\": \"simple\", \"reflectance\": 0.01, \"transmittance\": 0.99}},"
+        ),
+    )
 }
 
 fn filtered(ir: &SceneIr, filter: &str, num_rays: u64) -> TraceOptions {

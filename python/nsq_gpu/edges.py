@@ -37,8 +37,9 @@ def shape_of(document: object, options: Mapping[str, Any], names: Iterable[str])
 
 def warn_of_edges(not_confirmed: Iterable[Mapping[str, Any]]) -> None:
     """Warn of derivatives that a difference of two traces does not confirm."""
-    for found in not_confirmed:
-        warn(f"light crosses edges where {found['parameter']} changes, and the gradient leaves that light out: the loss gains "
-             f"{found['interior']:.3g} a unit by it, but {found['value']:.3g} +- {found['standard_error']:.2g} by a difference of "
-             "two traces. nsq_gpu.loss_gradient(..., edges=True) gives the latter; NsqGpuBackend(check_edges=False) does not ask",
-             ResultWarning)
+    said = [f"{found['parameter']}: {found['interior']:.3g} without that light, {found['value']:.3g} +- "
+            f"{found['standard_error']:.2g} by a difference of two traces" for found in not_confirmed]
+    if said:
+        warn("light crosses edges, such as the rim of a lens, and the gradient leaves that light out. What the loss gains by a "
+             "unit:\n" + "\n".join(said) + "\nnsq_gpu.loss_gradient(..., edges=True) counts that light; "
+             "NsqGpuBackend(check_edges=False) does not look for it", ResultWarning)
