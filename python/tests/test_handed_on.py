@@ -13,6 +13,7 @@ from optiland.nonsequential.detectors.configs import IrradianceDetectorConfig
 from optiland.nonsequential.sources.configs import CollimatedSourceConfig
 
 import nsq_gpu
+import nsq_gpu.cluster
 import nsq_gpu.difference
 from nsq_gpu.edges import shape_of
 from nsq_gpu.session import Session
@@ -46,7 +47,11 @@ def told(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], Any]], Any]:
         raise Told(command)
 
     monkeypatch.setattr(Session, "_ask", ask)
+    def run_in(folder: Any, command: list[str], *more: Any) -> None:
+        raise Told(command)
+
     monkeypatch.setattr(nsq_gpu.difference, "run", run)
+    monkeypatch.setattr(nsq_gpu.cluster, "_run", run_in)
 
     def request(call: Callable[[], Any]) -> Any:
         with pytest.raises(Told) as found:
@@ -91,6 +96,15 @@ def test_a_difference_hands_on_each_keyword(told: Callable[..., Any]) -> None:
         command = told(lambda: nsq_gpu.diff(scene(), scene(), 1000, binary=live.binary(), **{keyword: value}))
         expected = "--progress=json" if keyword == "progress" else f"--{keyword.replace('_', '-')}={value}"
         assert expected in command, keyword
+
+
+def test_the_pilot_of_a_cluster_hears_of_all_options(told: Callable[..., Any]) -> None:
+    options = {"seed": 7, "max_depth": 9, "precision": "f32", "where": "reflections == 2", "reflect_prob": 0.5, "paths": True}
+    expected = {"--num-rays=8192", "--seed=7", "--max-depth=9", "--precision=f32", "--where=reflections == 2",
+                "--reflect-prob=0.5", "--paths=on"}
+    cluster = {"binary": live.binary(), **options}
+    assert expected <= set(told(lambda: nsq_gpu.cluster.trace(scene(), 100_000, **cluster)))
+    assert expected <= set(told(lambda: nsq_gpu.cluster.sweep(scene(), {"L.r1": [50.0]}, 100_000, **cluster)))
 
 
 REFUSED = {"target_error": "1%", "time_limit": "60s", "first_ray": 10, "of_rays": 100_000, "paths": "on", "standard_error": "on",
