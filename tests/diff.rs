@@ -17,7 +17,7 @@ use nsq_gpu::{Error, Scene, StandardError, TraceOptions};
 use std::path::Path;
 
 fn difference(a: &SceneIr, b: &SceneIr, options: &TraceOptions) -> SceneDifference {
-    Pair::new(a, b.clone()).unwrap().difference(zoo::gpu(), options, None, |_| true).unwrap()
+    Pair::new(a, b.clone()).unwrap().difference(zoo::gpu(), options, |_| true).unwrap()
 }
 
 /// A scene of the collection with some of its numbers changed.
@@ -147,7 +147,7 @@ fn what_cannot_be_paired_is_refused_by_name() {
         Err(error) => error.to_string(),
         Ok(pair) => {
             let options = zoo::options(100, 0, Precision::F64);
-            pair.difference(zoo::gpu(), &options, None, |_| true).unwrap_err().to_string()
+            pair.difference(zoo::gpu(), &options, |_| true).unwrap_err().to_string()
         }
     };
     let other = said(mirror(1.0, &source("lamp", 1.0, 0.0), "screen"));
@@ -163,7 +163,7 @@ fn a_difference_that_is_stopped_has_the_blocks_done() {
     let (a, b) = (zoo::load("bench_lens"), changed("bench_lens", &[("glass.n", 1.53)]));
     let options = zoo::options(64_000, 0, Precision::F64);
     let pair = Pair::new(&a, b.clone()).unwrap();
-    let found = pair.difference(zoo::gpu(), &options, None, |[a, _]| a < 20_500).unwrap();
+    let found = pair.difference(zoo::gpu(), &options, |[a, _]| a < 20_500).unwrap();
     assert_eq!((found.num_rays, found.num_blocks, found.run.partial), (20_000, 20, true));
     // Of a single source, the first rays are those of a shorter trace.
     let short = difference(&a, &b, &TraceOptions { num_rays: 20_000, ..options.clone() });
@@ -171,7 +171,7 @@ fn a_difference_that_is_stopped_has_the_blocks_done() {
     assert_eq!(found.detectors[0].flux.difference, short.detectors[0].flux.difference);
     let errors = [&found, &short].map(|found| found.detectors[0].flux.standard_error.unwrap());
     assert!((errors[0] / errors[1] - 1.0).abs() < 0.6, "{errors:?}");
-    let stopped = pair.difference(zoo::gpu(), &options, None, |_| false);
+    let stopped = pair.difference(zoo::gpu(), &options, |_| false);
     assert_eq!(stopped.unwrap_err(), Error::Interrupted);
 }
 

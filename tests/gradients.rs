@@ -151,7 +151,7 @@ fn central_difference(text: &str, name: &str, step: f64, options: &TraceOptions)
     };
     let (more, less) = (at(value + step), at(value - step));
     let pair = nsq_gpu::trace::difference::Pair::new(&more, less).unwrap();
-    pair.difference(zoo::gpu(), options, None, |_| true).unwrap()
+    pair.difference(zoo::gpu(), options, |_| true).unwrap()
 }
 
 /// Compares the first detector's map with a difference of two traces, pixel by pixel, and gives in how many pixels the
@@ -1126,7 +1126,7 @@ fn what_crosses_edges_is_told_on_request() {
         let scene = differentiated(text, &[name]);
         let how = How { with_edges: true, ..How::default() };
         let mut found = scene.gradients(zoo::gpu(), &options, how, |_| true).unwrap().0;
-        scene.add_edges(zoo::gpu(), &options, &mut found, |_| true).unwrap();
+        scene.add_edges(zoo::gpu(), &options, None, &mut found, |_| true).unwrap();
         found.swap_remove(0)
     };
     let clear = of(BENCH, "glass.n");

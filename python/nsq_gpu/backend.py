@@ -16,6 +16,7 @@ from optiland.nonsequential.backends.base import TracerBackend
 from optiland.nonsequential.tracer import SimulationResult
 
 from nsq_gpu.binary import find_binary
+from nsq_gpu.edges import shape_of, warn_of_edges
 from nsq_gpu.errors import (
     TOLERANCE_NOT_MET,
     NsqGpuError,
@@ -76,6 +77,8 @@ class NsqGpuBackend(TracerBackend):
             once.
         backward_seed: Seed of the draws of ``backward``; None takes those of the trace. Other draws make the gradient of a
             loss that is not linear in the map unbiased.
+        check_edges: ``backward`` compares a gradient with a short difference of two traces, once for scenes of one shape, and
+            ResultWarning says where they disagree by more than 3 standard errors: light crosses edges there. False does not.
         where: Keep only the light whose path matches this expression, such as ``"reflections == 2 and not
             hit(mount)"``. Detectors then hold this light alone. The ledger is that of all light, with a line
             ``filtered_out``.
@@ -89,7 +92,8 @@ class NsqGpuBackend(TracerBackend):
                  progress: bool | ProgressCallback = False, target_error: float | str | None = None,
                  time_limit: float | None = None, standard_error: bool | None = None,
                  sampler: str = "pcg", max_depth: int | None = None, paths: bool = False,
-                 where: str | None = None, gradient: str | None = "interior", backward_seed: int | None = None) -> None:
+                 where: str | None = None, gradient: str | None = "interior", backward_seed: int | None = None,
+                 check_edges: bool = True) -> None:
         for name, given, known in (("precision", precision, PRECISIONS), ("sampler", sampler, SAMPLERS)):
             if given not in known:
                 raise UsageError(f"{name} is {given!r}; give one of {', '.join(known)}")
@@ -116,6 +120,9 @@ class NsqGpuBackend(TracerBackend):
             raise UsageError(f"gradient is {gradient!r}; give 'interior' or None")
         self.gradient = gradient
         self.backward_seed = backward_seed
+        if check_edges not in (True, False):
+            raise UsageError(f"check_edges is {check_edges!r}; give True or False")
+        self.check_edges = check_edges
         #: The program's own report of the last trace: its ledger, adapter, precision and more; see the README.
         self.report: dict[str, Any] | None = None
         #: Numbers without a derivative that a warning has named.
@@ -237,8 +244,11 @@ class NsqGpuBackend(TracerBackend):
             values = dict.fromkeys(exported.wanted, 0.0)
             names = list(values)
             while names:
+                shape = shape_of(exported.document, options, names)
+                is_due = self.check_edges and shape not in session.checked_shapes
                 try:
-                    answer = session.loss_gradient(text, options, names, adjoints, timeout=self.timeout, name=EXPORTED)
+                    answer = session.loss_gradient(text, options, names, adjoints, timeout=self.timeout, name=EXPORTED,
+                                                   check_edges=is_due)
                     break
                 except UsageError as error:
                     # The program refuses one number at a time.
@@ -252,6 +262,9 @@ class NsqGpuBackend(TracerBackend):
             else:
                 return list(values.values())
             warn_of_lost(answer["num_lost"])
+            if is_due:
+                session.checked_shapes.add(shape)
+                warn_of_edges(answer["not_confirmed"])
             return list((values | dict(zip(names, answer["values"], strict=True))).values())
 
         traced = Traced(gradient, smooth_detectors(scene))

@@ -39,6 +39,8 @@ from nsq_gpu.sweeps import run as run_points
 
 #: Tallies that are added up at once, without a target error.
 _ARITY = 10
+#: Rays by which the precision of all workers is chosen: as many as the program looks at.
+_PILOT_RAYS = 1 << 13
 #: Workers that are reckoned with where none is there yet.
 _WORKERS = 8
 #: Longest text of a scene that goes with each task [characters].
@@ -128,7 +130,8 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
         options["standard_error"] = "on"
     with tempfile.TemporaryDirectory(prefix="nsq-gpu-") as name:
         folder = Path(name)
-        decided = _decide(program, text, folder, precision, adapter, timeout)
+        traced = {"num_rays": num_rays, "seed": seed, "max_depth": max_depth, "precision": precision, **options}
+        decided = _decide(program, text, folder, traced, timeout)
         arguments = [f"--{name.replace('_', '-')}={value}" for name, value in
                      {"seed": seed, "max_depth": max_depth, "of_rays": num_rays, **decided, **options}.items()]
 
@@ -194,7 +197,8 @@ def sweep(scene: NSQScene, numbers: Mapping[str, Sequence[float]], num_rays: int
     text = to_json(export(scene).document, indent=None)
     program = find_binary(binary)
     with tempfile.TemporaryDirectory(prefix="nsq-gpu-") as folder:
-        decided = _decide(program, text, Path(folder), precision, adapter, timeout)
+        traced = {"num_rays": num_rays, "seed": seed, "max_depth": max_depth, "precision": precision, "adapter": adapter}
+        decided = _decide(program, text, Path(folder), traced | as_written(options), timeout)
     named = {"num_rays": num_rays, "max_depth": max_depth, **decided, **options}
 
     with _client(client, deadline) as used:
@@ -455,13 +459,13 @@ def _distributed() -> Any:
     return distributed
 
 
-def _decide(program: str, text: str, folder: Path, precision: str, adapter: str | None,
-            timeout: float | None) -> dict[str, str]:
-    """Return what all workers are told alike: the precision, and whether arithmetic is strict."""
+def _decide(program: str, text: str, folder: Path, options: Mapping[str, Any], timeout: float | None) -> dict[str, str]:
+    """Return what all workers are told alike: the precision, and whether arithmetic is strict, as a trace of these options has it."""
     scene = folder / "scene.json"
     scene.write_text(text, encoding="utf-8")
-    _run(folder, [program, "trace", scene.name, "--num-rays=1", f"--precision={precision}", "--progress=never",
-                  "--output=pilot", "--no-pictures", *([] if adapter is None else [f"--adapter={adapter}"])], timeout)
+    few = {**options, "num_rays": min(options["num_rays"], _PILOT_RAYS), "target_error": None, "time_limit": None}
+    arguments = [f"--{name.replace('_', '-')}={value}" for name, value in few.items() if value is not None]
+    _run(folder, [program, "trace", scene.name, *arguments, "--progress=never", "--output=pilot", "--no-pictures"], timeout)
     report = read_report(folder / "pilot")
     return {"precision": report["precision"], "strict": "on" if report["driver"].endswith(", strict") else "off"}
 

@@ -12,8 +12,10 @@ import numpy as np
 from optiland.nonsequential import NSQScene
 
 from nsq_gpu.binary import find_binary
+from nsq_gpu.edges import check_options
 from nsq_gpu.errors import ResultWarning, UsageError, warn
 from nsq_gpu.export import export, to_json
+from nsq_gpu.process import ProgressCallback, Shown, Update
 from nsq_gpu.session import EXPORTED, Answer, numbers_of_rays, shared_session
 from nsq_gpu.results import warn_of
 
@@ -39,6 +41,8 @@ class Derivative:
     map_standard_error: np.ndarray | None
     #: Rays that the detector's flux rests on, where they are fewer than ten: the standard error then says little. None else.
     rests_on: int | None = None
+    #: The same of the interior alone, where ``edges=True`` was asked for; else None.
+    interior: Derivative | None = None
 
 
 @dataclass(frozen=True)
@@ -68,13 +72,14 @@ def _remark(found: Derivative) -> str:
     return "" if found.rests_on is None else f"  rests on {found.rests_on} rays"
 
 
-def jacobian(scene: NSQScene | str | os.PathLike[str], parameters: str | Sequence[str], num_rays: int, *, seed: int = 0,
+def jacobian(scene: NSQScene | str | os.PathLike[str], parameters: str | Sequence[str], num_rays: int, *,
+             where: str | None = None, edges: bool = False, progress: bool | ProgressCallback | None = None, seed: int = 0,
              max_depth: int = 16, precision: str = "auto", adapter: str | None = None,
              binary: str | os.PathLike[str] | None = None, timeout: float | None = None) -> Jacobian:
     """Differentiate what all detectors record by numbers of a scene.
 
     The derivative is that of the interior: of light that goes on through the surfaces that it meets. What a change moves
-    across an edge, such as the rim of a lens, is not in it; :func:`nsq_gpu.diff` sees both.
+    across an edge, such as the rim of a lens, is not in it, unless ``edges=True`` asks for that.
 
     >>> found = nsq_gpu.jacobian(scene, ["L1.r1", "L1.z"], 1_000_000)
     >>> found["L1.r1", "image"].map
@@ -83,6 +88,10 @@ def jacobian(scene: NSQScene | str | os.PathLike[str], parameters: str | Sequenc
         scene: The live scene, or its file.
         parameters: Names of numbers, or one name, as in :meth:`nsq_gpu.Session.sweep`: ``L1.r1``, ``lamp.total_flux``.
         num_rays: Rays to launch.
+        where: Keeps on detectors the light whose path matches: ``"reflections == 2"``.
+        edges: True finds each derivative by a difference of two traces by the same draws, edges included. That takes two
+            more traces for each parameter. ``interior`` of each derivative is then that of the interior.
+        progress: True shows a bar; a function gets the rays done, the rays in all, and the rays per second.
         seed: Seed of the draws.
         max_depth: Largest number of events of a ray.
         precision: As that of :class:`nsq_gpu.NsqGpuBackend`.
@@ -96,10 +105,14 @@ def jacobian(scene: NSQScene | str | os.PathLike[str], parameters: str | Sequenc
         Interrupted: Ctrl-C ended the trace; ``partial`` is the Jacobian of the rays that were traced. So it is with
             TraceTimeoutError.
     """
-    names, text, where = _asked(scene, parameters)
+    check_options(where, edges)
+    names, text, place = _asked(scene, parameters)
     session = shared_session(find_binary(binary), adapter)
-    options = numbers_of_rays(num_rays, seed, max_depth) | {"precision": precision}
-    return session.kept(text, options, of_answer, timeout=timeout, gradient=names, **where)
+    options = numbers_of_rays(num_rays, seed, max_depth) | {"precision": precision, "where": where}
+    with Shown(progress or False) as shown:
+        show = (lambda said: shown.show(Update(said))) if progress else None
+        return session.kept(text, options, lambda answer, partial: of_answer(answer, partial, edges), timeout=timeout,
+                            progress=show, gradient=names, gradient_edges=edges, **place)
 
 
 class LossGradient(dict[str, float]):
@@ -107,17 +120,22 @@ class LossGradient(dict[str, float]):
 
     #: Why some parameters were differentiated forward, four a pass over the rays; None where all were differentiated back.
     why_forward: str | None = None
+    #: With ``edges=True`` the standard errors of the values, by the parameter's name; else None. NaN from too few rays.
+    standard_errors: dict[str, float] | None = None
+    #: With ``edges=True`` the values of the interior alone; else None.
+    interior: dict[str, float] | None = None
 
 
 def loss_gradient(scene: NSQScene | str | os.PathLike[str], parameters: str | Sequence[str],
-                  adjoints: Mapping[str, np.ndarray], num_rays: int, *, seed: int = 0, max_depth: int = 16,
+                  adjoints: Mapping[str, np.ndarray], num_rays: int, *, where: str | None = None, edges: bool = False,
+                  progress: bool | ProgressCallback | None = None, seed: int = 0, max_depth: int = 16,
                   precision: str = "auto", adapter: str | None = None, binary: str | os.PathLike[str] | None = None,
                   timeout: float | None = None) -> LossGradient:
     """Differentiate a loss by any number of a scene's numbers, in one pass over the rays.
 
     A loss is a number that you compute from what detectors record, such as the flux beyond a spot. Say what the loss gains by
     a watt in each pixel; rays are then walked back from there. As with :func:`jacobian`, the derivative is that of the
-    interior.
+    interior, unless ``edges=True``.
 
     >>> flux = result.detectors["image"].data * pixel_area            # [W]
     >>> nsq_gpu.loss_gradient(scene, ["L1.r1", "L1.z"], {"image": 2 * (flux - wanted)}, 1_000_000)
@@ -129,6 +147,10 @@ def loss_gradient(scene: NSQScene | str | os.PathLike[str], parameters: str | Se
         adjoints: By detector, an array in the shape of its map: what the loss gains by a watt in each cell [1/W]. For a ray
             database, one number. Detectors that are missing do not count.
         num_rays: Rays to launch.
+        where: Keeps on detectors the light whose path matches: ``"reflections == 2"``.
+        edges: True finds each value by a difference of two traces by the same draws, edges included. That takes two more
+            traces for each parameter.
+        progress: True shows a bar; a function gets the rays done, the rays in all, and the rays per second.
         seed: Seed of the draws.
         max_depth: Largest number of events of a ray.
         precision: As that of :class:`nsq_gpu.NsqGpuBackend`.
@@ -143,14 +165,27 @@ def loss_gradient(scene: NSQScene | str | os.PathLike[str], parameters: str | Se
         UsageError: A name of nothing, or a number by which nothing can be differentiated.
         NsqGpuError: One of its other subclasses, by what went wrong.
     """
-    names, text, where = _asked(scene, parameters)
+    check_options(where, edges)
+    names, text, place = _asked(scene, parameters)
     session = shared_session(find_binary(binary), adapter)
-    options = numbers_of_rays(num_rays, seed, max_depth) | {"precision": precision}
-    answer = session.loss_gradient(text, options, names, adjoints, timeout=timeout, **where)
+    options = numbers_of_rays(num_rays, seed, max_depth) | {"precision": precision, "where": where}
+    with Shown(progress or False) as shown:
+        show = (lambda said: shown.show(Update(said))) if progress else None
+        answer = session.loss_gradient(text, options, names, adjoints, timeout=timeout, progress=show, edges=edges, **place)
     warn_of_lost(answer["num_lost"])
     found = LossGradient(zip(names, answer["values"], strict=True))
+    if edges:
+        with_edges = dict(zip(names, answer["with_edges"], strict=True))
+        found.interior = dict(found)
+        found.standard_errors = {name: _known(of_name["standard_error"]) for name, of_name in with_edges.items()}
+        found.update({name: of_name["value"] for name, of_name in with_edges.items()})
     found.why_forward = answer["why_forward"]
     return found
+
+
+def _known(error: float | None) -> float:
+    """Return a standard error; NaN where it is not known."""
+    return np.nan if error is None else error
 
 
 def warn_of_lost(num_lost: int) -> None:
@@ -171,8 +206,8 @@ def _asked(scene: NSQScene | str | os.PathLike[str],
     return names, path.read_text(encoding="utf-8"), {"name": str(path), "folder": str(path.parent.resolve())}
 
 
-def of_answer(answer: Answer, partial: bool = False) -> Jacobian:
-    """Return the derivatives of a session's answer."""
+def of_answer(answer: Answer, partial: bool = False, edges: bool = False) -> Jacobian:
+    """Return the derivatives of a session's answer; with ``edges`` those of which a stop left differences of two traces."""
     warn_of(answer.report, answer.missed_target)
     arrays = answer.arrays(None)
     derivatives = {}
@@ -181,10 +216,16 @@ def of_answer(answer: Answer, partial: bool = False) -> Jacobian:
             warn(f"{row['detector']} by {row['parameter']}: derivatives of {row['num_lost']} deposits were no numbers, or "
                  "too large: they are missing", ResultWarning)
         name = f"{row['detector']}/{row['parameter']}"
-        error = row["standard_error"]
-        derivatives[row["parameter"], row["detector"]] = Derivative(
-            row["flux"], np.nan if error is None else error, arrays.get(name), arrays.get(f"{name}/standard_error"),
-            answer.report["detectors"][row["detector"]].get("rests_on"))
+        rests_on = answer.report["detectors"][row["detector"]].get("rests_on")
+        found = Derivative(row["flux"], _known(row["standard_error"]), arrays.get(name), arrays.get(f"{name}/standard_error"),
+                           rests_on)
+        if edges and (with_edges := row.get("with_edges")) is None:
+            continue
+        if edges:
+            name += "/with_edges"
+            found = Derivative(with_edges["flux"], _known(with_edges["standard_error"]), arrays.get(name),
+                               arrays.get(f"{name}/standard_error"), rests_on, found)
+        derivatives[row["parameter"], row["detector"]] = found
     maps = {name: answer.arrays(name)[MAPS[entry["kind"]]]
             for name, entry in answer.report["detectors"].items() if entry["kind"] in MAPS}
     return Jacobian(derivatives, maps, answer.report, partial)

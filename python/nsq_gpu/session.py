@@ -101,6 +101,8 @@ class Session:
         self._lock = threading.Lock()
         #: The process, if one was started. A session that is dropped, and the end of Python, end it: threads hold it.
         self._children: list[_Child] = []
+        #: Shapes of scenes whose gradients were checked for light that crosses edges.
+        self.checked_shapes: set[str] = set()
         weakref.finalize(self, _end_all, self._children)
         _sessions.add(self)
 
@@ -221,12 +223,13 @@ class Session:
     def request(self, scene: str | Json, options: Mapping[str, Any], *, timeout: float | None = None,
                 progress: Callable[[Json], None] | None = None, name: str | None = None,
                 numbers: Mapping[str, float] | None = None, gradient: Sequence[str] = (),
-                gradient_errors: bool = True, folder: str | None = None, keeps: bool = False) -> Answer:
+                gradient_errors: bool = True, gradient_edges: bool = False, folder: str | None = None,
+                keeps: bool = False) -> Answer:
         """Trace a scene file's text, with options of ``nsq-gpu trace`` by their names; errors call the scene ``name``.
 
         ``numbers`` of the scene are set first, by their names. Detectors are differentiated by the numbers that
-        ``gradient`` names, with standard errors where ``gradient_errors`` is true. Files that the scene names are looked
-        for from ``folder``. With ``keeps``, a stop or a timeout takes the answer of the rays that were traced along, as
+        ``gradient`` names, with standard errors where ``gradient_errors`` is true, and by differences of two traces as well
+        where ``gradient_edges`` is true. Files that the scene names are looked for from ``folder``. With ``keeps``, a stop or a timeout takes the answer of the rays that were traced along, as
         ``partial``.
 
         Raises:
@@ -236,7 +239,7 @@ class Session:
         header = self._header(scene, options, name, folder)
         header |= {"set": dict(numbers or {}), "progress": progress is not None}
         if gradient:
-            header |= {"gradient": list(gradient), "gradient_errors": gradient_errors}
+            header |= {"gradient": list(gradient), "gradient_errors": gradient_errors, "gradient_edges": gradient_edges}
         if self._live is not None:
             header["live"] = self._live
         try:
@@ -246,11 +249,14 @@ class Session:
             raise
 
     def loss_gradient(self, scene: str | Json, options: Mapping[str, Any], parameters: Sequence[str],
-                      adjoints: Mapping[str, np.ndarray], *, timeout: float | None = None, name: str | None = None,
-                      folder: str | None = None) -> Json:
+                      adjoints: Mapping[str, np.ndarray], *, timeout: float | None = None,
+                      progress: Callable[[Json], None] | None = None, name: str | None = None, folder: str | None = None,
+                      edges: bool = False, check_edges: bool = False) -> Json:
         """Differentiate a loss by numbers of a scene file's text: :func:`nsq_gpu.loss_gradient`.
 
-        Returns the answer's header: ``values`` in the order of ``parameters``, ``num_lost``, ``num_forward``.
+        Returns the answer's header: ``values`` in the order of ``parameters``, ``num_lost``, ``num_forward``. With ``edges``,
+        ``with_edges`` has the values by differences of two traces. With ``check_edges``, ``not_confirmed`` has the values that a
+        short difference of two traces does not confirm.
 
         Raises:
             NsqGpuError: One of its subclasses, by what went wrong.
@@ -258,7 +264,8 @@ class Session:
         arrays = {detector: _npy(array) for detector, array in adjoints.items()}
         sizes = [{"detector": detector, "bytes": len(array)} for detector, array in arrays.items()]
         header = self._header(scene, options, name, folder) | {"gradient": list(parameters), "adjoints": sizes}
-        return self._ask(header, timeout, None, b"".join(arrays.values()))[0]
+        header |= {"progress": progress is not None, "gradient_edges": edges, "check_edges": check_edges}
+        return self._ask(header, timeout, progress, b"".join(arrays.values()))[0]
 
     def _header(self, scene: str | Json, options: Mapping[str, Any], name: str | None, folder: str | None) -> Json:
         """Return the header of a request to trace, with options of the session where ``options`` say nothing."""

@@ -256,6 +256,40 @@ def test_what_acts_at_edges_alone_is_refused_backward(torch_in_f64: None) -> Non
     assert radius.grad == 0.0
 
 
+def edge_warnings(stop: float | None, num_rays: int = 20_000, **options: Any) -> list[str]:
+    """Return what is said of edges where a loss is differentiated by the radius of a lens, with a stop behind it or without."""
+    scene = one_lens(leaf(60.0))
+    if stop is not None:
+        scene.add_component("stop", AbsorbingComponent(
+            CoordinateSystem(z=32.0), AnnularPlaneGeometry(stop, torch.tensor(20.0, dtype=torch.float64)), VACUUM))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        data = map_of(scene, num_rays, **options)
+        (torch.linspace(0.5, 2.0, data.numel(), dtype=torch.float64) * data.ravel()).sum().backward()
+    return [str(warning.message) for warning in caught
+            if issubclass(warning.category, nsq_gpu.ResultWarning) and "crosses edges" in str(warning.message)]
+
+
+def test_light_that_crosses_edges_is_told_once_by_backward(torch_in_f64: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    from nsq_gpu.session import shared_session
+
+    monkeypatch.setattr(shared_session(live.binary(), None), "checked_shapes", set())
+    assert edge_warnings(2.0, check_edges=False) == []
+    (said,) = edge_warnings(2.0)
+    assert "L.r1" in said and "edges=True" in said and "check_edges=False" in said
+    # The same shape is not asked again; light by another path is.
+    assert edge_warnings(2.0) == []
+    assert len(edge_warnings(2.0, where="reflections == 0")) == 1
+
+
+def test_what_stays_clear_of_edges_is_not_warned_of(torch_in_f64: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    from nsq_gpu.session import shared_session
+
+    for num_rays in (200, 2_000, 20_000):
+        monkeypatch.setattr(shared_session(live.binary(), None), "checked_shapes", set())
+        assert edge_warnings(None, num_rays=num_rays) == []
+
+
 @pytest.mark.filterwarnings("ignore")
 def test_a_graph_can_be_walked_again_and_has_no_second_derivative(torch_in_f64: None) -> None:
     r1 = torch.tensor(40.0, dtype=torch.float64, requires_grad=True)

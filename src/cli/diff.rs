@@ -5,7 +5,7 @@ use crate::cli::pictures::PictureArgs;
 use crate::cli::progress::{Mode, Progress, Status};
 use crate::cli::stops::{end_with_caller, stop_on_interrupt};
 use crate::cli::sweep::parse_number;
-use crate::cli::trace_args::{PathsArg, PrecisionArg, StandardErrorArg, TraceArgs};
+use crate::cli::trace_args::{PrecisionArg, StandardErrorArg, TraceArgs};
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu};
 use crate::model::depth;
@@ -64,22 +64,14 @@ impl Args {
                     .into(),
             ));
         }
-        let trace = &self.trace;
-        let given = [
-            ("--target-error", trace.target_error.is_some()),
-            ("--time-limit", trace.time_limit.is_some()),
-            ("--first-ray", trace.first_ray.is_some()),
-            ("--of-rays", trace.of_rays.is_some()),
-            ("--paths", trace.paths == PathsArg::On),
-            ("--standard-error", trace.standard_error != StandardErrorArg::Auto),
-        ];
         if self.pictures.is_log() {
             let problem = "--scale log: a difference has both signs, and no logarithm; leave --scale out";
             return Err(Error::Usage(problem.into()));
         }
-        match given.iter().find(|(_, is_given)| *is_given) {
-            Some((name, _)) => Err(Error::Usage(format!(
-                "{name} belongs to a trace; a difference takes -n alone, leave it out"
+        let is_off = self.trace.standard_error == StandardErrorArg::Off;
+        match self.trace.of_one_trace().or(is_off.then_some("standard-error")) {
+            Some(name) => Err(Error::Usage(format!(
+                "--{name} belongs to a trace; a difference takes -n alone, leave it out"
             ))),
             None => Ok(()),
         }
@@ -125,7 +117,6 @@ pub fn run(args: &Args) -> Result<String> {
     let deepest = || pair.scenes().map(depth::of_scene).into_iter().max().unwrap_or(depth::OPTILANDS);
     let options = TraceOptions {
         max_depth: args.trace.max_depth.unwrap_or_else(deepest),
-        path_filter: None,
         ..args.trace.options(&ir_a)?
     }
     .tuned(&gpu.info);
@@ -133,7 +124,7 @@ pub fn run(args: &Args) -> Result<String> {
     let options = TraceOptions { precision: choice.precision, ..options };
     let mut shown = Progress::new(args.progress, 2 * options.num_rays);
     let start = Instant::now();
-    let found = pair.difference(&gpu, &options, args.trace.filter.as_deref(), |[a, b]| {
+    let found = pair.difference(&gpu, &options, |[a, b]| {
         shown.update(&Status::of_rays(a + b, 2 * options.num_rays, start.elapsed()));
         // A stop while shaders are compiled still has rays to keep.
         b < FIRST_STEP_RAYS.min(options.num_rays) || !stop.load(Ordering::Relaxed)
@@ -150,7 +141,6 @@ pub fn run(args: &Args) -> Result<String> {
             precision_reason: choice.reason,
             precision_warning: choice.warning,
             scene_warnings,
-            filter: args.trace.filter.clone(),
             ..found.run
         },
         ..found

@@ -4,7 +4,7 @@ use crate::cli::console::{choose_vectors, ended, read_scene, say};
 use crate::cli::pictures::PictureArgs;
 use crate::cli::progress::{Mode, Progress, Status};
 use crate::cli::stops::stop_on_interrupt;
-use crate::cli::trace_args::{PrecisionArg, SamplerArg, TraceArgs};
+use crate::cli::trace_args::{PrecisionArg, SamplerArg, StandardErrorArg, TraceArgs};
 use crate::count;
 use crate::error::{Error, Result};
 use crate::format::pretty_json;
@@ -126,11 +126,15 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     let in_f64 = matches!(args.trace.precision, PrecisionArg::Auto | PrecisionArg::F64);
     choose_vectors(&ir, args.trace.num_rays, in_f64);
     args.trace.override_sampling(&mut ir)?;
-    if args.trace.sampler == SamplerArg::Sobol && args.trace.target_error.is_some() {
-        return Err(Error::Usage(
-            "--target-error with --sampler sobol needs scrambles of the points, for which paths have no maps; leave one of them out"
-                .into(),
-        ));
+    let has_errors = match (args.trace.target_error, args.trace.standard_error) {
+        (Some(_), _) => Some("--target-error"),
+        (None, StandardErrorArg::On) => Some("--standard-error on"),
+        _ => None,
+    };
+    if let Some(option) = has_errors.filter(|_| args.trace.sampler == SamplerArg::Sobol) {
+        return Err(Error::Usage(format!(
+            "{option} with --sampler sobol needs scrambles of the points, for which paths have no maps; leave one of them out"
+        )));
     }
     let listing = args.table_options(&ir)?;
     let style = args.pictures.style(&ir)?;
@@ -151,10 +155,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         path_table: true,
         path_ends: args.ends,
         // Rows have errors of their own.
-        standard_error: match args.trace.target_error {
-            Some(_) => options.standard_error,
-            None => StandardError::Off,
-        },
+        standard_error: if has_errors.is_some() { StandardError::On } else { StandardError::Off },
         ..options
     }
     .tuned(&gpu.info);

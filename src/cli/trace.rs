@@ -58,7 +58,8 @@ pub struct Args {
     record_paths: Option<RecordPaths>,
     /// Differentiate what detectors record by numbers of the scene: L1.r1,L2.z. With -o, maps of derivatives and their
     /// standard errors go to gradients.npz. Names with dots or commas are quoted: '"a.b".r1'.
-    #[arg(long, value_name = "NAMES", value_parser = parse_names, conflicts_with_all = ["checkpoint", "resume",
+    #[arg(long, value_name = "NAMES", value_parser = parse_names, conflicts_with_all = ["checkpoint", "overwrite",
+        "checkpoint_interval", "resume",
         "record_paths", "profile", "target_error", "time_limit", "first_ray", "of_rays"])]
     gradient: Option<Names>,
     /// With --gradient: also find each derivative by a difference of two traces, which sees light that crosses edges, such as
@@ -254,7 +255,7 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
     let mut is_stopped = tally.launched.count < options.num_rays || !missing.is_empty();
     if args.gradient_edges && !is_stopped {
         let done = differentiated.num_passes() * options.num_rays;
-        match differentiated.add_edges(&gpu, &options, &mut gradients, |rays| keep_going(done + rays)) {
+        match differentiated.add_edges(&gpu, &options, None, &mut gradients, |rays| keep_going(done + rays)) {
             Err(Error::Interrupted) => is_stopped = true,
             added => added?,
         }

@@ -213,6 +213,20 @@ impl TraceArgs {
         })
     }
 
+    /// The first option given that belongs to a single trace: when it ends, which part it is, what else it sums up. Commands
+    /// that trace several times refuse what they cannot hand on.
+    pub(crate) fn of_one_trace(&self) -> Option<&'static str> {
+        let given = [
+            ("target-error", self.target_error.is_some()),
+            ("time-limit", self.time_limit.is_some()),
+            ("first-ray", self.first_ray.is_some()),
+            ("of-rays", self.of_rays.is_some()),
+            ("paths", self.paths == PathsArg::On),
+            ("standard-error", self.standard_error == StandardErrorArg::On),
+        ];
+        given.into_iter().find_map(|(name, is_given)| is_given.then_some(name))
+    }
+
     /// Overrides the sampling of a scene.
     pub(crate) fn override_sampling(&self, ir: &mut SceneIr) -> Result<()> {
         if let Some(reflect_prob) = self.reflect_prob {

@@ -271,4 +271,11 @@ impl SceneIr {
         ir.detectors.iter_mut().for_each(|detector| detector.kind = detector.kind.with_single_cell());
         ir
     }
+
+    /// The scene with detectors that store the rays that they record: a pilot trace sees which these are.
+    pub fn with_ray_databases(&self) -> Self {
+        let mut ir = self.clone();
+        ir.detectors.iter_mut().for_each(|detector| detector.kind = detector.kind.as_ray_database());
+        ir
+    }
 }

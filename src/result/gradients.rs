@@ -33,12 +33,18 @@ pub struct Gradient {
 }
 
 /// A derivative by a difference of two traces, which sees what moves across edges, too.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct WithEdges {
     /// Of the detector's flux, as that of the interior.
     pub flux: f64,
     /// Its standard error; none from too few rays.
     pub standard_error: Option<f64>,
+    /// Of the detector's map, as that of the interior.
+    #[serde(skip)]
+    pub map: Option<ArrayD<f64>>,
+    /// Standard errors of `map`.
+    #[serde(skip)]
+    pub map_errors: Option<ArrayD<f64>>,
 }
 
 /// What a table of derivatives lacks, unless a difference of two traces stands beside them.
@@ -70,9 +76,9 @@ pub fn table(gradients: &[Gradient], found: &[Detector], launched: f64) -> Strin
         let (parameter, detector) = (shown(&row.parameter), shown(&row.detector));
         let flux = significant(row.flux, 5);
         let _ = write!(text, "{parameter:<parameters$}{detector:<detectors$}{flux:>15}{error:>11}{score:>9}");
-        if let Some(WithEdges { flux, standard_error }) = row.with_edges {
+        if let Some(WithEdges { flux, standard_error, .. }) = &row.with_edges {
             let error = standard_error.map_or("-".into(), |error| significant(error, 2));
-            let _ = write!(text, "{:>15}{error:>11}", significant(flux, 5));
+            let _ = write!(text, "{:>15}{error:>11}", significant(*flux, 5));
         }
         text += &few_rays::remark(few);
         if row.num_lost > 0 {

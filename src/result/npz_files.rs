@@ -67,6 +67,10 @@ fn add_gradients(mut file: ArrayWriter, result: &TraceResult) -> Result<Vec<(Str
         let name = format!("{}/{}", row.detector, row.parameter);
         file.add_optional(&name, &row.map)?;
         file.add_optional(&format!("{name}/standard_error"), &row.map_errors)?;
+        if let Some(edges) = &row.with_edges {
+            file.add_optional(&format!("{name}/with_edges"), &edges.map)?;
+            file.add_optional(&format!("{name}/with_edges/standard_error"), &edges.map_errors)?;
+        }
     }
     let units = [(
         "derivative",

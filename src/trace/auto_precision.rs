@@ -17,6 +17,7 @@ use crate::program::{Precision, centre_of};
 use crate::result::{PathEvent, PathEventKind, RayRow, Tally};
 use crate::trace::{RecordPaths, StandardError, TraceOptions, Tracer};
 use glam::{DMat3, DVec3};
+use std::collections::HashSet;
 
 /// Up to this error \[pixels\], a map is as good as exact.
 pub const GOOD_PIXELS: f64 = 0.01;
@@ -24,8 +25,9 @@ pub const GOOD_PIXELS: f64 = 0.01;
 const BAD_PIXELS: f64 = 0.1;
 /// The share of a detector's flux to which the predicted error applies.
 const SHARE: f64 = 0.99;
-/// Rays of the pilot, and its largest depth.
+/// Rays of the pilot, and its largest depth. Light that a filter keeps may be rare.
 const PILOT_RAYS: u64 = 512;
+const FILTERED_PILOT_RAYS: u64 = 1 << 13;
 const PILOT_DEPTH: u32 = 256;
 /// The number of standard deviations in a bound.
 const SIGMAS: f64 = 3.0;
@@ -171,7 +173,7 @@ impl Need {
                 ir.detectors[error.detector].name, error.position
             ),
             Need::Unknown => {
-                format!("the error of f32 is unknown: none of {PILOT_RAYS} rays reached a detector")
+                "the error of f32 is unknown: no light of a short trace reached a detector".into()
             }
         }
     }
@@ -212,10 +214,11 @@ fn predict_by(
     options: &TraceOptions,
     trace: impl Fn(&SceneIr, &TraceOptions) -> Result<Tally>,
 ) -> Result<Vec<DetectorError>> {
+    let is_filtered = options.path_filter.is_some();
+    let num_rays = if is_filtered { FILTERED_PILOT_RAYS } else { PILOT_RAYS };
     let pilot = TraceOptions {
         path_table: false,
-        path_filter: None,
-        num_rays: options.num_rays.min(PILOT_RAYS),
+        num_rays: options.num_rays.min(num_rays),
         max_depth: options.max_depth.min(PILOT_DEPTH),
         precision: Precision::F32,
         paths: RecordPaths::All,
@@ -225,9 +228,17 @@ fn predict_by(
     // A split ray's child begins its path at the split, with errors of its parent. So branches are drawn here, and not
     // split.
     let sampling = Sampling { split_depth: 0, ..ir.sampling };
-    let drawn = SceneIr { sampling, ..ir.with_single_cells() };
-    let tally = trace(&drawn, &pilot)?;
-    let arrivals = arrivals(ir, &tally.paths);
+    // Of a filter, the rows of detectors tell what it keeps.
+    let seen = if is_filtered { ir.with_ray_databases() } else { ir.with_single_cells() };
+    let tally = trace(&SceneIr { sampling, ..seen }, &pilot)?;
+    let mut arrivals = arrivals(ir, &tally.paths);
+    if is_filtered {
+        let rows = tally.detectors.iter().enumerate().flat_map(|(number, detector)| {
+            detector.rows.iter().map(move |row| (number, row.ray_id, row.bounce))
+        });
+        let kept: HashSet<(usize, u64, u32)> = rows.collect();
+        arrivals.retain(|arrival| kept.contains(&(arrival.detector, arrival.ray_id, arrival.bounce)));
+    }
     let of_detector =
         |detector| arrivals.iter().filter(|a| a.detector == detector).copied().collect::<Vec<_>>();
     let errors = (0..ir.detectors.len()).map(|detector| (detector, of_detector(detector)));

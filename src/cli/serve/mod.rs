@@ -8,12 +8,12 @@ pub(crate) mod session;
 use crate::cli::progress::Status;
 use crate::cli::serve::frames::Incoming;
 use crate::cli::serve::requests::{Request, TraceRequest};
-use crate::cli::serve::session::{Next, Session};
+use crate::cli::serve::session::{LossFound, Next, Session};
 use crate::cli::trace::missed_target;
 use crate::error::{Error, Result};
 use crate::gpu::AdapterChoice;
 use crate::result::{Report, TraceResult, npz_files, report};
-use crate::trace::gradients::LossGradient;
+use crate::trace::gradients::LossWithEdges;
 use serde_json::{Value, json};
 use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -213,15 +213,7 @@ fn trace(
     unsent?;
     match traced {
         Ok(Ok(Answer::Traced(result))) => output.send_result(id, &result),
-        Ok(Ok(Answer::Loss(gradient))) => output.send(&json!({
-            "id": id,
-            "reply": "loss_gradient",
-            "parameters": request.gradient,
-            "values": gradient.values,
-            "num_lost": gradient.num_lost,
-            "num_forward": gradient.num_forward,
-            "why_forward": gradient.why_forward,
-        })),
+        Ok(Ok(Answer::Loss(found))) => output.send(&loss_gradient(id, &request.gradient, &found)),
         Ok(Err(error)) => {
             if matches!(error, Error::Device(_)) {
                 session.close();
@@ -235,6 +227,30 @@ fn trace(
     }
 }
 
+/// The message of the gradient of a loss by some parameters.
+fn loss_gradient(id: &Value, parameters: &[String], found: &LossFound) -> Value {
+    let LossFound { gradient, with_edges, not_confirmed } = found;
+    let of_edges =
+        |edges: &LossWithEdges| json!({"value": edges.value, "standard_error": edges.standard_error});
+    let not_confirmed = not_confirmed.iter().map(|(number, edges)| {
+        let mut entry = of_edges(edges);
+        entry["parameter"] = parameters[*number].clone().into();
+        entry["interior"] = gradient.values[*number].into();
+        entry
+    });
+    json!({
+        "id": id,
+        "reply": "loss_gradient",
+        "parameters": parameters,
+        "values": gradient.values,
+        "num_lost": gradient.num_lost,
+        "num_forward": gradient.num_forward,
+        "why_forward": gradient.why_forward,
+        "with_edges": with_edges.iter().map(of_edges).collect::<Vec<_>>(),
+        "not_confirmed": not_confirmed.collect::<Vec<_>>(),
+    })
+}
+
 fn progress(id: &Value, status: &Status) -> Value {
     let mut message = json!({"id": id, "reply": "progress"});
     let fields = status.json().as_object().cloned().unwrap_or_default();
@@ -245,7 +261,7 @@ fn progress(id: &Value, status: &Status) -> Value {
 /// What a request is answered with.
 enum Answer {
     Traced(Box<TraceResult>),
-    Loss(LossGradient),
+    Loss(LossFound),
 }
 
 /// Where answers go.

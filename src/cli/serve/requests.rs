@@ -41,6 +41,10 @@ pub(crate) struct TraceRequest {
     pub(crate) gradient: Vec<String>,
     /// Derivatives have standard errors.
     pub(crate) gradient_errors: bool,
+    /// Derivatives are also found by differences of two traces, which see light that crosses edges.
+    pub(crate) gradient_edges: bool,
+    /// The gradient of a loss is checked by a short difference of two traces.
+    pub(crate) check_edges: bool,
     /// What a loss gains by a watt in each cell of a detector, by the detector's name: the loss is differentiated, and not
     /// the sums. None: no loss.
     pub(crate) adjoints: Option<Vec<(String, ArrayD<f64>)>>,
@@ -67,6 +71,10 @@ struct TraceHeader {
     gradient: Vec<String>,
     #[serde(default = "yes")]
     gradient_errors: bool,
+    #[serde(default)]
+    gradient_edges: bool,
+    #[serde(default)]
+    check_edges: bool,
     adjoints: Option<Vec<AdjointHeader>>,
     #[serde(default)]
     progress: bool,
@@ -133,6 +141,8 @@ impl TraceRequest {
             live: header.live,
             gradient: header.gradient,
             gradient_errors: header.gradient_errors,
+            gradient_edges: header.gradient_edges,
+            check_edges: header.check_edges,
             adjoints: header.adjoints.map(|told| adjoints(told, arrays)).transpose()?,
             progress: header.progress,
         })

@@ -8,7 +8,7 @@ use crate::gpu::{AdapterChoice, Gpu};
 use crate::model::SceneIr;
 use crate::result::{RunInfo, StoppedBy, TraceResult};
 use crate::scene::Scene;
-use crate::trace::gradients::{Differentiated, How, LossGradient};
+use crate::trace::gradients::{Differentiated, How, LossGradient, LossWithEdges};
 use crate::trace::stopping::Stopping;
 use crate::trace::{Progress, RecordPaths, Shelf, Strict, TraceOptions, Tracer, auto_precision};
 use ndarray::ArrayD;
@@ -27,6 +27,15 @@ pub(crate) enum Next {
     Stop,
     /// It ends, and there is no result.
     Cancel,
+}
+
+/// The gradient of a loss, and what light does that crosses edges.
+pub(crate) struct LossFound {
+    pub(crate) gradient: LossGradient,
+    /// By differences of two traces, parameter by parameter, where that was asked for.
+    pub(crate) with_edges: Vec<LossWithEdges>,
+    /// Parameters whose derivatives a short difference of two traces does not confirm, where that was asked for.
+    pub(crate) not_confirmed: Vec<(usize, LossWithEdges)>,
 }
 
 /// The device of a session, and its compiled shaders.
@@ -82,7 +91,7 @@ impl Session {
         request: &TraceRequest,
         adjoints: &[(String, ArrayD<f64>)],
         keep_going: impl FnMut(&Status) -> bool,
-    ) -> Result<LossGradient> {
+    ) -> Result<LossFound> {
         self.job(request, |job| job.differentiate_loss(adjoints, keep_going))
     }
 
@@ -172,24 +181,14 @@ impl<'a> Job<'a> {
         &self,
         adjoints: &[(String, ArrayD<f64>)],
         mut keep_going: impl FnMut(&Status) -> bool,
-    ) -> Result<LossGradient> {
+    ) -> Result<LossFound> {
         let Job { request, gpu, .. } = self;
         if request.gradient.is_empty() {
             return Err(Error::Usage(
                 "a loss has adjoints and no parameters; name some in `gradient`".into(),
             ));
         }
-        let args = &request.args;
-        let others = [
-            ("target_error", args.target_error.is_some()),
-            ("time_limit", args.time_limit.is_some()),
-            ("record_paths", request.record_paths != RecordPaths::None),
-        ];
-        if let Some((name, _)) = others.into_iter().find(|(_, is_asked)| *is_asked) {
-            return Err(Error::Usage(format!(
-                "options.{name} and adjoints do not go together; give one of them up"
-            )));
-        }
+        self.refuse_options_of_one_trace("adjoints")?;
         let scene = self.differentiated()?;
         let mut of_all: Vec<Vec<f64>> = scene.adjoint_lengths().map(|num| vec![0.0; num]).collect();
         for (name, adjoints) in adjoints {
@@ -200,29 +199,67 @@ impl<'a> Job<'a> {
         }
         let (options, _) = Job { ir: &scene.ir, ..*self }.live_options()?;
         let start = Instant::now();
-        let how = How { shelf: Some(self.shelf), ..How::default() };
-        let num_rays = options.num_rays;
-        scene.loss_gradient(gpu, &options, how, &of_all, |rays| {
-            keep_going(&Status::of_rays(rays, num_rays, start.elapsed()))
-        })
+        let shelf = Some(self.shelf);
+        let with_edges = request.gradient_edges;
+        let how = How { shelf, with_edges, ..How::default() };
+        let num_rays = options.num_rays * (1 + self.passes_of_edges());
+        let mut keep_going = |rays: u64| keep_going(&Status::of_rays(rays, num_rays, start.elapsed()));
+        let gradient = scene.loss_gradient(gpu, &options, how, &of_all, &mut keep_going)?;
+        let (mut edges, mut not_confirmed) = (Vec::new(), Vec::new());
+        if with_edges {
+            let keep_going = |rays| keep_going(options.num_rays + rays);
+            edges = scene.loss_with_edges(gpu, &options, shelf, &of_all, keep_going)?;
+        } else if request.check_edges {
+            let keep_going = |_| keep_going(options.num_rays);
+            not_confirmed = scene.not_confirmed(gpu, &options, shelf, &of_all, &gradient, keep_going)?;
+        }
+        Ok(LossFound { gradient, with_edges: edges, not_confirmed })
+    }
+
+    /// How often all rays are traced for what crosses edges.
+    fn passes_of_edges(&self) -> u64 {
+        if self.request.gradient_edges { 2 * self.request.gradient.len() as u64 } else { 0 }
+    }
+
+    /// Refuses options that derivatives cannot heed. `what` the request has beside them.
+    fn refuse_options_of_one_trace(&self, what: &str) -> Result<()> {
+        let records = (self.request.record_paths != RecordPaths::None).then_some("record-paths");
+        match self.request.args.of_one_trace().or(records) {
+            Some(name) => Err(Error::Usage(format!(
+                "options.{} and {what} do not go together; give one of them up",
+                name.replace('-', "_")
+            ))),
+            None => Ok(()),
+        }
     }
 
     /// Traces with derivatives.
     fn differentiate(&self, mut next: impl FnMut(&Status) -> Next) -> Result<TraceResult> {
         let Job { request, gpu, .. } = self;
+        self.refuse_options_of_one_trace("gradient")?;
         let scene = self.differentiated()?;
         let (options, choice) = Job { ir: &scene.ir, ..*self }.live_options()?;
         let start = Instant::now();
-        let how = How { shelf: Some(self.shelf), without_errors: !request.gradient_errors, ..How::default() };
-        let num_rays = scene.num_passes() * options.num_rays;
+        let (shelf, with_edges) = (Some(self.shelf), request.gradient_edges);
+        let how = How { shelf, without_errors: !request.gradient_errors, with_edges, ..How::default() };
+        let num_rays = (scene.num_passes() + self.passes_of_edges()) * options.num_rays;
         let (mut last, mut is_first) = (Next::GoOn, true);
-        let (gradients, tally) = scene.gradients(gpu, &options, how, |rays| {
+        let mut keep_going = |rays| {
             last = next(&Status::of_rays(rays, num_rays, start.elapsed()));
             // A stop while shaders are compiled still has rays to keep.
             last == Next::GoOn || last == Next::Stop && std::mem::take(&mut is_first)
-        })?;
+        };
+        let (mut gradients, tally) = scene.gradients(gpu, &options, how, &mut keep_going)?;
         let has_all = gradients.len() == request.gradient.len() * scene.ir.detectors.len();
-        let is_whole = has_all && tally.launched.count == options.num_rays;
+        let mut is_whole = has_all && tally.launched.count == options.num_rays;
+        if with_edges && is_whole {
+            let done = scene.num_passes() * options.num_rays;
+            let keep_going = |rays| keep_going(done + rays);
+            match scene.add_edges(gpu, &options, shelf, &mut gradients, keep_going) {
+                Err(Error::Interrupted) => is_whole = false,
+                added => added?,
+            }
+        }
         if !is_whole && last == Next::Cancel {
             return Err(Error::Interrupted);
         }

@@ -18,7 +18,7 @@ use crate::cli::sweep::values::{
     Distribution, Tolerance, Values, combinations, parse_tolerance, parse_values, samples,
 };
 use crate::cli::trace::missed_target;
-use crate::cli::trace_args::{PrecisionArg, TraceArgs};
+use crate::cli::trace_args::{PathsArg, PrecisionArg, TraceArgs};
 use crate::error::{Error, Result};
 use crate::format::shown;
 use crate::gpu::{AdapterChoice, Native};
@@ -92,6 +92,11 @@ pub fn run(args: &Args) -> Result<String> {
             "give what changes: --set L1.r1=50:60:11, or --tolerance L1.r1=0.1%".into(),
         ));
     }
+    if args.trace.paths == PathsArg::On {
+        return Err(Error::Usage(
+            "a sweep lists no paths; leave out --paths on, or keep the light of some paths by --where".into(),
+        ));
+    }
     let text = Scene::text(&args.scene)?;
     let folder = args.scene.parent().unwrap_or(Path::new("")).to_owned();
     let name = args.scene.display().to_string();
@@ -125,6 +130,8 @@ pub fn run(args: &Args) -> Result<String> {
             live: None,
             gradient: Vec::new(),
             gradient_errors: false,
+            gradient_edges: false,
+            check_edges: false,
             adjoints: None,
             progress: false,
         };

@@ -150,6 +150,16 @@ impl DetectorKind {
     pub fn stores_rays(&self) -> bool {
         self.function().stores_rays()
     }
+
+    /// A detector in its place that stores all rays that it records.
+    pub(crate) fn as_ray_database(&self) -> DetectorKind {
+        let [width, height] = match self.outline() {
+            Outline::Rectangle { width, height } => [width, height],
+            Outline::Disk { radius } => [2.0 * radius; 2],
+            Outline::Infinite => [f64::INFINITY; 2],
+        };
+        DetectorKind::RayDatabase(RayDatabase { width, height, max_rays: None })
+    }
 }
 
 impl DetectorFunction {

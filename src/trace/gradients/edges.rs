@@ -5,6 +5,7 @@ use crate::error::{Error, Result};
 use crate::format::shown;
 use crate::gpu::Gpu;
 use crate::model::{Precision, ReflectProb, SceneIr};
+use crate::result::difference::DetectorDifference;
 use crate::result::{Gradient, Tally, WithEdges};
 use crate::trace::difference::Pair;
 use crate::trace::gradients::chain::{Chain, QUANTUM};
@@ -13,8 +14,50 @@ use crate::trace::{Shelf, Tracer};
 
 /// Rays of a trace that looks for what crosses edges, at most.
 pub(super) const MOST_EDGE_RAYS: u64 = 10_000;
+/// Derivatives that differ by less than this share are alike, whatever their errors.
+const ALIKE: f64 = 0.01;
+/// Standard errors by which chance hardly ever parts two derivatives.
+const SIGMAS: f64 = 3.0;
 /// How often a face reflects while two traces are compared: seldom, as glass does, and as often in both.
 const HELD_REFLECT_PROB: f64 = 0.1;
+
+/// The derivative of a loss by a difference of two traces, which sees what moves across edges, too.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LossWithEdges {
+    /// What the loss gains by a unit of the parameter.
+    pub value: f64,
+    /// Its standard error; none from too few rays.
+    pub standard_error: Option<f64>,
+}
+
+impl LossWithEdges {
+    /// True if this and the derivative of the interior differ by more than chance, and by more than [`ALIKE`].
+    pub(super) fn differs_from(&self, interior: f64) -> bool {
+        let apart = (self.value - interior).abs();
+        let largest = self.value.abs().max(interior.abs());
+        self.standard_error.is_some_and(|error| apart > SIGMAS * error) && apart > ALIKE * largest
+    }
+}
+
+/// Two scenes with more and less of a parameter, and how much more \[units of the parameter\].
+struct Ends {
+    more: SceneIr,
+    less: SceneIr,
+    distance: f64,
+}
+
+impl Ends {
+    fn of(scaled: &Scaled) -> Self {
+        let ([more, less], distance) = scaled.ends;
+        let [more, less] = [more, less].map(|end| without_chance(&scaled.parameter.stencil[end].1));
+        Ends { more, less, distance }
+    }
+
+    /// The two scenes side by side.
+    fn pair<'a>(&'a self, shelf: Option<&'a Shelf>) -> Result<Pair<'a>> {
+        Ok(Pair::new(&self.more, self.less.clone())?.on_shelf(shelf))
+    }
+}
 
 /// Adds to derivatives what a difference of two traces gives in their place, which sees what moves across edges, too.
 /// `keep_going` gets the rays done of both traces for all parameters.
@@ -25,27 +68,55 @@ pub(super) fn add(
     parameters: &[Scaled],
     gpu: &Gpu,
     options: &TraceOptions,
+    shelf: Option<&Shelf>,
     gradients: &mut [Gradient],
     mut keep_going: impl FnMut(u64) -> bool,
 ) -> Result<()> {
-    for (number, Scaled { parameter, ends: ([more, less], distance), .. }) in (0..).zip(parameters) {
-        let [more, less] = [*more, *less].map(|end| without_chance(&parameter.stencil[end].1));
-        let pair = Pair::new(&more, less)?;
+    for (number, scaled) in (0..).zip(parameters) {
+        let ends = Ends::of(scaled);
+        let distance = ends.distance;
         let done_before = 2 * number * options.num_rays;
-        let found =
-            pair.difference(gpu, options, None, |done| keep_going(done_before + done.iter().sum::<u64>()))?;
+        let keep_going = |done: [u64; 2]| keep_going(done_before + done.iter().sum::<u64>());
+        let found = ends.pair(shelf)?.difference(gpu, options, keep_going)?;
         if found.run.partial {
             return Err(Error::Interrupted);
         }
-        for row in gradients.iter_mut().filter(|row| row.parameter == parameter.name) {
+        for row in gradients.iter_mut().filter(|row| row.parameter == scaled.parameter.name) {
             let of_detector = found.detectors.iter().find(|detector| detector.flux.name == row.detector);
-            row.with_edges = of_detector.map(|detector| WithEdges {
-                flux: detector.flux.difference / distance,
-                standard_error: detector.flux.standard_error.map(|error| error / distance.abs()),
+            row.with_edges = of_detector.map(|DetectorDifference { flux, map, .. }| WithEdges {
+                flux: flux.difference / distance,
+                standard_error: flux.standard_error.map(|error| error / distance.abs()),
+                map: map.as_ref().map(|map| &map.values / distance),
+                map_errors: map.as_ref().and_then(|map| Some(map.errors.as_ref()? / distance.abs())),
             });
         }
     }
     Ok(())
+}
+
+/// The derivatives of a loss by differences of two traces. `keep_going` is as that of [`add`].
+///
+/// # Errors
+/// As [`add`].
+pub(super) fn of_loss(
+    parameters: &[Scaled],
+    gpu: &Gpu,
+    options: &TraceOptions,
+    shelf: Option<&Shelf>,
+    adjoints: &[Vec<f64>],
+    mut keep_going: impl FnMut(u64) -> bool,
+) -> Result<Vec<LossWithEdges>> {
+    let of_parameter = |(number, scaled): (u64, &Scaled)| {
+        let ends = Ends::of(scaled);
+        let done_before = 2 * number * options.num_rays;
+        let keep_going = |done: [u64; 2]| keep_going(done_before + done.iter().sum::<u64>());
+        let found = ends.pair(shelf)?.loss_difference(gpu, options, adjoints, keep_going)?;
+        Ok(LossWithEdges {
+            value: found.difference / ends.distance,
+            standard_error: found.standard_error.map(|error| error / ends.distance.abs()),
+        })
+    };
+    (0..).zip(parameters).map(of_parameter).collect()
 }
 
 /// Refuses a parameter that acts at edges alone: whose derivatives are 0, while a change of it changes what detectors

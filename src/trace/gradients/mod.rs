@@ -7,6 +7,9 @@
 mod chain;
 mod edges;
 mod scaled;
+mod with_edges;
+
+pub use crate::trace::gradients::edges::LossWithEdges;
 
 use crate::engine::options::{RecordPaths, StandardError, TraceOptions};
 use crate::engine::tangents::{Numbers, slopes};
@@ -14,7 +17,7 @@ use crate::engine::walk::Walker;
 use crate::error::{Error, Result};
 use crate::format::shown;
 use crate::gpu::Gpu;
-use crate::model::SceneIr;
+use crate::model::{Precision, SceneIr};
 use crate::program::layout::bindings;
 use crate::program::tangents::{Parameter, Tangents};
 use crate::result::difference::Spread;
@@ -202,19 +205,10 @@ impl Differentiated {
         Ok((found, sums))
     }
 
-    /// Adds to derivatives what a difference of two traces gives in their place, which sees what moves across edges, too.
-    /// `keep_going` gets the rays done of both traces for all parameters.
-    ///
-    /// # Errors
-    /// [`Error::Interrupted`] if a trace was ended. [`Error::Device`] if the device fails.
-    pub fn add_edges(
-        &self,
-        gpu: &Gpu,
-        options: &TraceOptions,
-        gradients: &mut [Gradient],
-        keep_going: impl FnMut(u64) -> bool,
-    ) -> Result<()> {
-        edges::add(&self.parameters, gpu, options, gradients, keep_going)
+    /// What a loss gains at most by rounding, where a parameter changes by its natural size.
+    fn least(&self, precision: Precision, adjoints: &[Vec<f64>]) -> f64 {
+        let largest = adjoints.iter().flatten().fold(0.0, |largest: f64, adjoint| largest.max(adjoint.abs()));
+        rounding(precision) * largest * self.ir.emitted_flux()
     }
 
     /// The gradient of a loss by all parameters: what the loss gains by a unit of each. `adjoints` says for each detector what
@@ -270,7 +264,7 @@ impl Differentiated {
             found.num_lost += sums.detectors.iter().map(|detector| detector.lost_tangents).sum::<u64>();
         }
         let largest = adjoints.iter().flatten().fold(0.0, |largest: f64, adjoint| largest.max(adjoint.abs()));
-        let least = rounding(options.precision) * largest * self.ir.emitted_flux();
+        let least = self.least(options.precision, adjoints);
         for (scaled, value) in self.parameters.iter().zip(&found.values) {
             if !how.with_edges && largest > 0.0 && (value * scaled.size).abs() <= least {
                 edges::check(gpu, &options, how.shelf, scaled, |changes| {

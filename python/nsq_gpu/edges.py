@@ -1,0 +1,45 @@
+"""Light that crosses edges, such as the rim of a lens: what derivatives of the interior do not see."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from nsq_gpu.errors import ResultWarning, UsageError, warn
+
+
+def check_options(where: object, edges: object) -> None:
+    """Refuse what derivatives cannot take.
+
+    Raises:
+        UsageError: ``where`` is no text, or ``edges`` neither True nor False.
+    """
+    if where is not None and not isinstance(where, str):
+        raise UsageError(f'where is {where!r}; give a text, such as "reflections == 2"')
+    if edges not in (True, False):
+        raise UsageError(f"edges is {edges!r}; give True or False")
+
+
+def shape_of(document: object, options: Mapping[str, Any], names: Iterable[str]) -> str:
+    """Return what scenes have in common that differ in their numbers alone, traced by the same filter."""
+    def shape(value: object) -> object:
+        if isinstance(value, Mapping):
+            return {key: shape(inner) for key, inner in value.items()}
+        if isinstance(value, list | tuple):
+            return [shape(inner) for inner in value]
+        return value if isinstance(value, str | bool) else None
+
+    text = json.dumps([shape(document), options.get("where"), sorted(names)])
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def warn_of_edges(not_confirmed: Iterable[Mapping[str, Any]]) -> None:
+    """Warn of derivatives that a difference of two traces does not confirm."""
+    said = [f"{found['parameter']}: {found['interior']:.3g} without that light, {found['value']:.3g} +- "
+            f"{found['standard_error']:.2g} by a difference of two traces" for found in not_confirmed]
+    if said:
+        warn("light crosses edges, such as the rim of a lens, and the gradient leaves that light out. What the loss gains by a "
+             "unit:\n" + "\n".join(said) + "\nnsq_gpu.loss_gradient(..., edges=True) counts that light; "
+             "NsqGpuBackend(check_edges=False) does not look for it", ResultWarning)
