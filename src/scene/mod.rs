@@ -9,6 +9,9 @@ mod compounds;
 #[allow(clippy::wildcard_enum_match_arm, reason = "JSON's kinds of values are not the scene's")]
 mod de;
 pub(crate) mod detectors;
+mod elements;
+#[allow(clippy::wildcard_enum_match_arm, reason = "JSON's kinds of values are not the scene's")]
+pub(crate) mod entries;
 mod frame;
 pub mod json;
 mod lower;
@@ -23,6 +26,7 @@ mod surfaces;
 mod text;
 #[allow(clippy::wildcard_enum_match_arm, reason = "JSON's kinds of values are not the scene's")]
 mod tree;
+pub(crate) mod units;
 mod validate;
 mod volume;
 mod warnings;
