@@ -84,7 +84,8 @@ impl Elements {
         let number = name[GAP.len()..].parse::<usize>().ok().and_then(|number| number.checked_sub(1));
         let num_gaps = self.with_gaps().count();
         let advice = match num_gaps {
-            0 => "no element of the scene says what is `behind` it; list elements in the block `nsq_gpu`".into(),
+            0 => "no element of the scene says what is `behind` it; list elements in the block `nsq_gpu`"
+                .into(),
             1 => format!("the scene has {GAP}1"),
             _ => format!("the scene has {GAP}1 to {GAP}{num_gaps}"),
         };
@@ -174,7 +175,11 @@ impl Elements {
     fn frame(&self, tree: &Value, number: usize) -> Result<CoordinateSystem> {
         let element = &self.0[number];
         let Some(first) = element.faces.first() else {
-            return Err(Error::scene(quoted(&element.name), "the element has no face", "name one in `faces`"));
+            return Err(Error::scene(
+                quoted(&element.name),
+                "the element has no face",
+                "name one in `faces`",
+            ));
         };
         let mut frame = cs_at(tree, &way_to(tree, first)?)?;
         if let Some(pivot) = element.pivot {
@@ -205,8 +210,8 @@ impl Elements {
         Ok(Gap { size: along.abs(), direction: if along < 0.0 { -axis } else { axis } })
     }
 
-    /// Numbers of an element's faces that a wrong name may have meant.
-    pub(super) fn numbers_of(&self, label: &str) -> impl Iterator<Item = &str> + Clone {
+    /// The faces of the element of this name.
+    pub(super) fn faces_of(&self, label: &str) -> impl Iterator<Item = &str> {
         let is_this = self.0.iter().filter(move |element| element.name == label);
         is_this.flat_map(|element| element.faces.iter().map(String::as_str))
     }
@@ -258,11 +263,7 @@ pub(super) fn check(file: &SceneFile) -> Result<()> {
     for frame in placed(file).flat_map(|(_, cs)| chain(cs)) {
         let Some(name) = frame.name.as_deref() else { continue };
         if entries.contains(name) || seen.contains(name) {
-            return refuse(
-                quoted(name),
-                "a frame has the name of something else",
-                "give each its own name",
-            );
+            return refuse(quoted(name), "a frame has the name of something else", "give each its own name");
         }
         if copies.insert(name, frame).is_some_and(|copy| copy != frame) {
             return refuse(
@@ -287,8 +288,16 @@ fn way_to(tree: &Value, name: &str) -> Result<Vec<Step>> {
     ways.retain(|way| at(tree, way).is_some());
     match ways.len() {
         1 => Ok(ways.swap_remove(0)),
-        0 => Err(Error::scene(quoted(name), "an element holds it, and the scene has no such entry", "name another")),
-        _ => Err(Error::scene(quoted(name), "an element holds it, and several entries have the name", "rename one")),
+        0 => Err(Error::scene(
+            quoted(name),
+            "an element holds it, and the scene has no such entry",
+            "name another",
+        )),
+        _ => Err(Error::scene(
+            quoted(name),
+            "an element holds it, and several entries have the name",
+            "rename one",
+        )),
     }
 }
 
@@ -348,7 +357,10 @@ fn move_by(
         return Ok(());
     }
     let within = |cs: &CoordinateSystem| {
-        frame_of(&CoordinateSystem { reference_cs: cs.reference_cs.clone().filter(|_| !is_within), ..cs.clone() })
+        frame_of(&CoordinateSystem {
+            reference_cs: cs.reference_cs.clone().filter(|_| !is_within),
+            ..cs.clone()
+        })
     };
     let (here, there) = (within(before), within(&frame));
     let offset = here.rotation.transpose() * (there.origin - here.origin);
@@ -362,7 +374,8 @@ fn move_by(
     };
     write(tree, way, [offset.x, offset.y, offset.z, angles[0], angles[1], angles[2]]);
     let mut outer = indexmap::IndexMap::new();
-    outer.extend(FRAME.iter().zip(new).filter_map(|(key, number)| Some((key.to_string(), value_of(number)?))));
+    outer
+        .extend(FRAME.iter().zip(new).filter_map(|(key, number)| Some((key.to_string(), value_of(number)?))));
     outer.extend(reference.map(|reference| ("reference_cs".to_owned(), reference.clone())));
     if let Some(frame) = at_mut(tree, way) {
         frame.insert("reference_cs".into(), Value::Object(Box::new(outer)));
@@ -384,7 +397,9 @@ fn add(tree: &mut Value, way: &[Step], frame: &CoordinateSystem, by: DVec3) {
 
 fn write(tree: &mut Value, way: &[Step], numbers: [f64; 6]) {
     let Some(frame) = at_mut(tree, way) else { return };
-    frame.extend(FRAME.iter().zip(numbers).filter_map(|(key, number)| Some((key.to_string(), value_of(number)?))));
+    frame.extend(
+        FRAME.iter().zip(numbers).filter_map(|(key, number)| Some((key.to_string(), value_of(number)?))),
+    );
 }
 
 fn value_of(number: f64) -> Option<Value> {

@@ -50,7 +50,7 @@ pub(super) fn set_all(tree: &mut Value, numbers: &[(String, f64)]) -> Result<()>
         return Ok(());
     }
     let elements = Elements::of(tree)?;
-    let (mut places, mut moves) = (Vec::new(), Vec::new());
+    let (mut places, mut moves): (Vec<(Place, &String, f64)>, Vec<(Moved, f64)>) = Default::default();
     for (name, value) in numbers {
         if !value.is_finite() {
             return Err(Error::Usage(format!("{} is {value}; give a finite number", ticked(name))));
@@ -214,13 +214,18 @@ fn find(tree: &Value, elements: &Elements, name: &str) -> Result<Found> {
     let places: Vec<Place> = copies
         .map(|(_, way)| Place { object: way.clone(), key: last.clone(), items: items.clone() })
         .collect();
-    let what = if places.is_empty() { "an element" } else { "a frame" };
-    if (elements.names().any(|known| known == label) || !places.is_empty()) && !FRAME.contains(&last.as_str()) {
+    let faces: Vec<String> = elements.faces_of(&label).map(ticked).collect();
+    if !FRAME.contains(&last.as_str()) && !(faces.is_empty() && places.is_empty()) {
+        let advice = did_you_mean(last, FRAME);
+        let of_faces = match faces.is_empty() {
+            true => String::new(),
+            false => format!("; its faces, which have numbers of their own, are {}", faces.join(", ")),
+        };
         return Err(Error::Usage(format!(
-            "{}: {} is {what}, which has x, y, z, rx, ry and rz alone; {}",
+            "{}: what is called {} moves as one, and has no {}; {advice}{of_faces}",
             ticked(name),
             quoted(&label),
-            did_you_mean(last, elements.numbers_of(&label).chain(FRAME))
+            ticked(last)
         )));
     }
     if !places.is_empty() {

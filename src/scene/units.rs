@@ -33,8 +33,20 @@ const RADIANS: [(&str, f64); 3] = [("rad", 1.0), ("mrad", 1e3), ("urad", 1e6)];
 
 /// Keys of lengths, beside those of frames and those that end in `radius`.
 const LENGTH_KEYS: [&str; 14] = [
-    "thickness", "thickness1", "thickness2", "width", "height", "z_front", "z_back", "z_offset", "r_front", "r_back",
-    "gaussian_sigma", "r1", "r2", "r3",
+    "thickness",
+    "thickness1",
+    "thickness2",
+    "width",
+    "height",
+    "z_front",
+    "z_back",
+    "z_offset",
+    "r_front",
+    "r_back",
+    "gaussian_sigma",
+    "r1",
+    "r2",
+    "r3",
 ];
 
 /// A finite number of the scene, in the file's unit: `0.1deg` of `L4.rx` is 0.001745.
@@ -85,9 +97,7 @@ fn kind(name: &str) -> Option<Kind> {
         "rx" | "ry" | "rz" => Some(Kind::Angle),
         "wavelengths" | "wl_min" | "wl_max" => Some(Kind::Wavelength),
         key if key.ends_with("_deg") => Some(Kind::Degrees),
-        key if moves(key) || key.contains("radius") || LENGTH_KEYS.contains(&key) => {
-            Some(Kind::Length)
-        }
+        key if moves(key) || key.contains("radius") || LENGTH_KEYS.contains(&key) => Some(Kind::Length),
         _ => None,
     }
 }

@@ -177,7 +177,9 @@ fn answer(
             }
         }
         Request::Numbers { scene, names } => match Scene::numbers(&scene, &names) {
-            Ok(values) => output.send(&json!({"id": id, "reply": "numbers", "names": names, "values": values})),
+            Ok(values) => {
+                output.send(&json!({"id": id, "reply": "numbers", "names": names, "values": values}))
+            }
             Err(error) => output.fail(id, &error),
         },
         Request::Trace(request) => trace(session, output, id, &request, flag),

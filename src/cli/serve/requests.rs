@@ -124,9 +124,9 @@ impl Request {
             Some(other) => Err(Error::Usage(format!(
                 "there is no request `{other}`; there are hello, numbers, trace, stop and cancel"
             ))),
-            None => {
-                Err(Error::Usage("the header has no text `request`: hello, numbers, trace, stop or cancel".into()))
-            }
+            None => Err(Error::Usage(
+                "the header has no text `request`: hello, numbers, trace, stop or cancel".into(),
+            )),
         }
     }
 }

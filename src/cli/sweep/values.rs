@@ -79,13 +79,18 @@ pub(super) fn parse_values(text: &str) -> std::result::Result<Values, String> {
 pub(super) struct Tolerances(pub(super) Vec<Tolerance>);
 
 pub(super) fn parse_tolerances(text: &str) -> std::result::Result<Tolerances, String> {
-    between_commas(text).iter().map(|one| parse_tolerance(one)).collect::<std::result::Result<_, _>>().map(Tolerances)
+    between_commas(text)
+        .iter()
+        .map(|one| parse_tolerance(one))
+        .collect::<std::result::Result<_, _>>()
+        .map(Tolerances)
 }
 
 fn parse_tolerance(text: &str) -> std::result::Result<Tolerance, String> {
     let (name, rest) = name_and_rest(text)?;
     let (digits, relative) = rest.strip_suffix('%').map_or((rest, false), |digits| (digits, true));
-    let size = if relative { units::parse("", digits) } else { units::parse(&name, digits) }? * if relative { 0.01 } else { 1.0 };
+    let size = if relative { units::parse("", digits) } else { units::parse(&name, digits) }?
+        * if relative { 0.01 } else { 1.0 };
     if size.is_finite() && size > 0.0 {
         Ok(Tolerance { name, size, relative })
     } else {
