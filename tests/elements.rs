@@ -5,6 +5,7 @@
     reason = "clippy's exemption of tests does not reach their helpers"
 )]
 
+mod command;
 mod zoo;
 
 use glam::{DMat3, DVec3};
@@ -338,5 +339,44 @@ fn a_list_that_makes_no_sense_is_refused_with_its_place() {
             let problem = with(&scene, numbers).unwrap_err();
             assert!(problem.contains(said) || !numbers.is_empty(), "{pointer}: {problem}");
         }
+    }
+}
+
+/// Sweeps, tolerances and differences take names of elements, and units.
+#[test]
+fn the_command_takes_elements_with_units() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("plates.json");
+    std::fs::write(&path, plates().to_string()).unwrap();
+    let path = path.to_str().unwrap();
+    let json = |arguments: &[&str]| -> Value {
+        let output =
+            command::run(&[&arguments[..1], &[path], &arguments[1..], &["-n", "1000", "--json"]].concat());
+        assert!(output.status.success(), "{arguments:?}: {}", command::stderr(&output));
+        serde_json::from_slice(&output.stdout).unwrap()
+    };
+    let found = json(&["sweep", "--set", "L1.rx=0.1deg,2mrad", "--set", "gap_3=21mm"]);
+    let set = |number: usize, name: &str| found["points"][number]["set"][name].as_f64().unwrap();
+    assert_eq!([set(0, "L1.rx"), set(1, "L1.rx"), set(1, "gap_3")], [0.1_f64.to_radians(), 2e-3, 21.0]);
+    let tolerances = "L1.y=50um,L1.rx=0.1deg,gap_3=0.02,barrel.y=1%";
+    let found = json(&["sweep", "--tolerance", tolerances, "--samples", "2", "--distribution", "uniform"]);
+    let nominal = &found["nominal"]["set"];
+    let gap = number(&plates(), "gap_3");
+    assert_eq!(*nominal, json!({"L1.y": 0.0, "L1.rx": 0.2, "gap_3": gap, "barrel.y": 0.0}));
+    let drawn =
+        |name: &str| found["points"][1]["set"][name].as_f64().unwrap() - nominal[name].as_f64().unwrap();
+    for (name, size) in [("L1.y", 0.05), ("L1.rx", 0.1_f64.to_radians()), ("gap_3", 0.02)] {
+        assert!(drawn(name) != 0.0 && drawn(name).abs() <= size, "{name}: {}", drawn(name));
+    }
+    assert!(json(&["diff", "--set", "gap_3=2.1cm"])["detectors"]["image"].is_object());
+    for (arguments, said) in [
+        (["sweep", path, "--set", "L1.rx=1mm"], "has no unit `mm`"),
+        (["sweep", path, "--tolerance", "L1.y=1deg"], "has no unit `deg`"),
+        (["sweep", path, "--tolerance", "L9.y=1"], "did you mean `L1`?"),
+        (["diff", path, "--set", "gap_9=1"], "the scene has gap_1 to gap_3"),
+    ] {
+        let output = command::run(&arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+        assert!(command::stderr(&output).contains(said), "{arguments:?}: {}", command::stderr(&output));
     }
 }
