@@ -108,7 +108,7 @@ impl Scene {
         Self::read(text, Path::new(""))
     }
 
-    /// As [`Scene::from_json`], with some numbers set to other values, by their names such as `L1.r1`. Files that the
+    /// As [`Scene::from_json`], with some numbers set to other values, by names such as `L1.r1`, `L4.rx` or `gap_3`. Files that the
     /// scene names are looked for from a folder.
     ///
     /// # Errors
