@@ -231,6 +231,67 @@ fn derivatives_are_those_of_differences() {
     }
 }
 
+/// BENCH with names that move several entries.
+fn bench_of_elements() -> String {
+    let elements = r#""version": 1, "elements": [
+        {"name": "E1", "faces": ["L1"], "behind": []},
+        {"name": "E2", "faces": ["filter.front", "filter.back"], "behind": ["image"]},
+        {"name": "all", "faces": ["L1", "filter.front"], "parts": ["filter.back"], "pivot": [0, 0, 5]}],"#;
+    let barrel = r#""cs": {"z": 2, "reference_cs": {"z": 20, "rx": 0.1, "name": "barrel"}}"#;
+    let text = BENCH.replace(r#""version": 1,"#, elements);
+    text.replace(r#""cs": {"z": 20}"#, &barrel.replace(r#""z": 2,"#, ""))
+        .replace(r#""cs": {"z": 22}"#, barrel)
+}
+
+#[test]
+fn derivatives_of_elements_are_those_of_differences() {
+    let options = TraceOptions { num_rays: 400_000, ..zoo::options(0, 5, Precision::F64) };
+    let steps = [
+        ("E1.y", 0.02),
+        ("E1.rx", 2e-3),
+        ("E2.ry", 1e-2),
+        ("all.x", 0.02),
+        ("all.rx", 2e-3),
+        ("barrel.rx", 1e-2),
+        ("gap_1", 0.1),
+        ("gap_2", 0.1),
+    ];
+    for (name, step) in steps {
+        let num_seen = check_difference(&bench_of_elements(), name, step, &options, false);
+        assert!(num_seen > 20, "{name}: the derivative shows in {num_seen} pixels alone");
+    }
+}
+
+/// The chain rule: an element's derivative is the sum of those of the numbers that its name moves, each as much as it moves.
+#[test]
+fn a_name_that_moves_several_numbers_has_one_derivative() {
+    let text = bench_of_elements().replace(r#", "rx": 0.1, "name""#, r#", "name""#);
+    let of = |names: &[&str]| -> Vec<ndarray::ArrayD<f64>> {
+        let found = differentiated(&text, names);
+        let options = zoo::options(20_000, 5, Precision::F64);
+        let found = found.gradients(zoo::gpu(), &options, How::default(), |_| true).unwrap().0;
+        found.into_iter().map(|row| row.map.unwrap()).collect()
+    };
+    let front = ["\"filter.front\".z", "\"filter.front\".ry"];
+    let moved = of(&[front[0], front[1], "L1.x", "L1.ry"]);
+    let others = of(&["\"filter.back\".z", "\"filter.back\".ry", "\"filter.front\".x", "\"filter.back\".x"]);
+    let elements = of(&["E2.z", "all.ry", "all.x", "gap_1"]);
+    let back = of(&["image.z"]);
+    // Turned about y, what stands behind the pivot moves along x, and what stands before it moves back.
+    let turned = &moved[3] - &moved[2] * 5.0 + &moved[1] + &others[2] * 15.0 + &others[1] + &others[3] * 17.0;
+    let expected = [
+        &moved[0] + &others[0],
+        turned,
+        &moved[2] + &others[2] + &others[3],
+        &moved[0] + &others[0] + &back[0],
+    ];
+    for (number, (found, expected)) in elements.iter().zip(expected).enumerate() {
+        let size = expected.iter().fold(0.0, |size: f64, value| size.max(value.abs()));
+        let apart = (found - &expected).iter().fold(0.0, |apart: f64, value| apart.max(value.abs()));
+        assert!(apart < 1e-8 * size, "{number}: {apart} of {size}");
+    }
+}
+
 /// A face of each shape whose crossings are searched, in light that stays clear of its rim.
 #[test]
 fn derivatives_of_shapes_are_those_of_differences() {

@@ -200,6 +200,8 @@ def scene_from_dict(document: Json, folder: Path | None = None) -> NSQScene:
         extra = block.get("detectors", {}).get(spec["name"], {})
         scene.add_detector(spec["name"], _frame(spec["cs"]), _detector_config(spec, extra))
     scene.sampling_policy = SamplingPolicy(**block.get("sampling") or {})
+    if block.get("elements"):
+        scene.elements = block["elements"]
     return scene
 
 
@@ -213,7 +215,11 @@ def _check_versions(document: Json, block: Json) -> None:
 def _frame(spec: Json) -> CoordinateSystem:
     reference = spec.get("reference_cs")
     placement = {key: spec.get(key, 0.0) for key in ("x", "y", "z", "rx", "ry", "rz")}
-    return CoordinateSystem(**placement, reference_cs=_frame(reference) if reference else None)
+    frame = CoordinateSystem(**placement, reference_cs=_frame(reference) if reference else None)
+    if spec.get("name") is not None:
+        # For the exporter, as the names of elements.
+        frame.name = spec["name"]
+    return frame
 
 
 def _add_components(scene: NSQScene, document: Json, block: Json, materials: Materials, folder: Path) -> None:

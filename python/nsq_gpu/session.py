@@ -184,7 +184,7 @@ class Session:
             scene: The live scene.
             numbers: Values by the names of numbers, such as ``L1.r1``, ``L1.z``, ``lamp.total_flux``, ``screen.width``
                 or ``glass.n``: the name of a component, source, detector or medium, and a key of its entry in scene
-                files. Names with dots are quoted.
+                files; or ``L4.rx`` of an element, and ``gap_3``. Names with dots are quoted.
             num_rays: Rays of each point.
             zip: True takes the first value of each number together, then the second, and so on.
             common_draws: True draws the same random numbers at all points, so that differences between points have less
@@ -219,6 +219,25 @@ class Session:
                     yield answer
 
         return run(trace_all, numbers, zip, common_draws, maps)
+
+    def numbers(self, scene: NSQScene | str | Json, names: Sequence[str]) -> dict[str, float]:
+        """Return numbers of a scene by their names: where an element stands, how wide a gap is.
+
+        >>> session.numbers(scene, ["L4.y", "gap_3"])
+        {'L4.y': 0.0, 'gap_3': 6.009}
+
+        Args:
+            scene: The live scene, or a scene file's text.
+            names: Names, as in :meth:`sweep`.
+
+        Raises:
+            UsageError: A name of nothing.
+        """
+        text = to_json(export(scene).document, indent=None) if isinstance(scene, NSQScene) else scene
+        header = {"request": "numbers", "scene": text, "names": list(names)}
+        values = self._ask(header, None, None)[0]["values"]
+        # JSON has no infinite number: the radius of a flat face.
+        return {name: float("inf") if value is None else value for name, value in zip(names, values, strict=True)}
 
     def request(self, scene: str | Json, options: Mapping[str, Any], *, timeout: float | None = None,
                 progress: Callable[[Json], None] | None = None, name: str | None = None,

@@ -25,7 +25,7 @@ pub struct Args {
     a: PathBuf,
     /// Scene B; by default A with what --set changes.
     b: Option<PathBuf>,
-    /// A number of scene B and its value: L1.r1=50.5. Names with dots are quoted: '"a.b".r1=50'.
+    /// A number of scene B and its value: L1.r1=50.5, L4.rx=0.1deg. Names with dots are quoted: '"a.b".r1=50'.
     #[arg(long, value_name = "NAME=VALUE", value_parser = parse_number)]
     set: Vec<(String, f64)>,
     /// Part of the adapter's name (see `nsq-gpu adapters`).

@@ -104,20 +104,25 @@ struct Names(Vec<String>);
 
 /// Names between commas that are not quoted.
 fn parse_names(text: &str) -> std::result::Result<Names, String> {
-    let mut names = vec![String::new()];
-    let mut is_quoted = false;
-    for letter in text.chars() {
-        is_quoted ^= letter == '"';
-        match letter {
-            ',' if !is_quoted => names.push(String::new()),
-            letter => names.last_mut().into_iter().for_each(|name| name.push(letter)),
-        }
-    }
-    let names: Vec<String> = names.into_iter().map(|name| name.trim().to_string()).collect();
+    let names = between_commas(text);
     match names.iter().any(String::is_empty) {
         true => Err(format!("`{text}` has an empty name; write it as in L1.r1,L2.z")),
         false => Ok(Names(names)),
     }
+}
+
+/// The texts between commas that are not quoted.
+pub(crate) fn between_commas(text: &str) -> Vec<String> {
+    let mut parts = vec![String::new()];
+    let mut is_quoted = false;
+    for letter in text.chars() {
+        is_quoted ^= letter == '"';
+        match letter {
+            ',' if !is_quoted => parts.push(String::new()),
+            letter => parts.last_mut().into_iter().for_each(|part| part.push(letter)),
+        }
+    }
+    parts.into_iter().map(|part| part.trim().to_string()).collect()
 }
 
 pub(crate) fn parse_record_paths(text: &str) -> std::result::Result<RecordPaths, String> {

@@ -8,6 +8,8 @@ use std::borrow::Cow;
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CoordinateSystem {
+    /// Its name, if its numbers are to have one: `barrel.y`. Copies of a frame have one name, and move together.
+    pub name: Option<String>,
     /// Origin \[mm\].
     pub x: f64,
     /// Origin \[mm\].

@@ -157,12 +157,35 @@ pub struct Block {
     /// distance, the first wins); components first if null.
     #[serde(default)]
     pub order: Option<Vec<String>>,
+    /// What moves as one, in the order in which light meets it.
+    #[serde(default)]
+    pub elements: Vec<Element>,
     /// Additions to detectors, by name.
     #[serde(default)]
     pub detectors: BTreeMap<String, DetectorExtra>,
     /// How rare branches are sampled.
     #[serde(default)]
     pub sampling: SamplingPolicy,
+}
+
+/// What moves as one, such as a lens of single surfaces: `L4.y` decentres it, `L4.rx` tilts it.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Element {
+    /// Unique name among elements.
+    pub name: String,
+    /// Components and single surfaces, in the order in which light meets them. The frame of the first is the element's.
+    pub faces: Vec<String>,
+    /// What moves along, such as an edge and a mount.
+    #[serde(default)]
+    pub parts: Vec<String>,
+    /// What stands behind the element and before the next one, such as a stop or a detector; `gap_1` is the space behind the first
+    /// element that has this list. Null: no gap.
+    #[serde(default)]
+    pub behind: Option<Vec<String>>,
+    /// Where the element turns about, in the frame of the first face \[mm\]; its vertex if null.
+    #[serde(default)]
+    pub pivot: Option<[f64; 3]>,
 }
 
 /// A medium, by its `type`.

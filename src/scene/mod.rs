@@ -9,6 +9,9 @@ mod compounds;
 #[allow(clippy::wildcard_enum_match_arm, reason = "JSON's kinds of values are not the scene's")]
 mod de;
 pub(crate) mod detectors;
+mod elements;
+#[allow(clippy::wildcard_enum_match_arm, reason = "JSON's kinds of values are not the scene's")]
+pub(crate) mod entries;
 mod frame;
 pub mod json;
 mod lower;
@@ -24,6 +27,7 @@ mod surfaces;
 mod text;
 #[allow(clippy::wildcard_enum_match_arm, reason = "JSON's kinds of values are not the scene's")]
 mod tree;
+pub(crate) mod units;
 mod validate;
 mod volume;
 mod warnings;
@@ -105,7 +109,7 @@ impl Scene {
         Self::read(text, Path::new(""))
     }
 
-    /// As [`Scene::from_json`], with some numbers set to other values, by their names such as `L1.r1`. Files that the
+    /// As [`Scene::from_json`], with some numbers set to other values, by names such as `L1.r1`, `L4.rx` or `gap_3`. Files that the
     /// scene names are looked for from a folder.
     ///
     /// # Errors

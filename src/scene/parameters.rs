@@ -4,27 +4,27 @@
 //! A name begins with that of a component, a surface, a source, a detector or a medium. It ends with a key of that
 //! entry, as the scene file has it; keys of objects within it follow each other: `mirror.reflectance.values.0`. Of a list follow
 //! the places of the number, from 0 on: `asphere.coefficients.1`. Names with dots are quoted: `"a.b".r1`.
+//!
+//! Elements and gaps, such as `L4.rx` and `gap_3`, move several entries: [`crate::scene::elements`]. A frame that several entries
+//! stand in, and that has a name, is one: its number is set in all of them.
 
 use crate::error::{Error, Result};
 use crate::model::place::{did_you_mean, quoted, ticked};
+use crate::scene::elements::{Elements, Moved};
+use crate::scene::entries::{FRAME, Step, at, at_mut, entries, frames, inner, key, parts};
 use crate::scene::tree::{Array, Value, View};
-use indexmap::IndexMap;
 use serde_json::Number;
-
-/// The keys of a frame: positions and angles.
-pub(crate) const FRAME: [&str; 6] = ["x", "y", "z", "rx", "ry", "rz"];
-
-/// The lists of a scene whose entries have a name of their own.
-const LISTS: [&str; 3] = ["components", "sources", "detectors"];
-
-type Object = IndexMap<String, Value>;
 
 /// The number of this name, where the file has it; a frame's default is 0. A flat face has an infinite radius.
 ///
 /// # Errors
 /// [`Error::Usage`] if the scene has no such number.
 pub(super) fn get(tree: &Value, name: &str) -> Result<f64> {
-    let Place { object, key, items } = find(tree, name)?;
+    let elements = Elements::of(tree)?;
+    let Place { object, key, items } = match find(tree, &elements, name)? {
+        Found::Moved(moved) => return elements.get(tree, moved),
+        Found::Number(mut places) => places.swap_remove(0),
+    };
     let found = at(tree, &object).and_then(|object| object.get(&key));
     if let (Some(list), false) = (found, items.is_empty()) {
         return item(list, &items).ok_or_else(|| no_item(name));
@@ -46,16 +46,37 @@ pub(super) fn get(tree: &Value, name: &str) -> Result<f64> {
 /// [`Error::Usage`] if nothing has a name, the scene has something else than a number there, or two names are of one
 /// number.
 pub(super) fn set_all(tree: &mut Value, numbers: &[(String, f64)]) -> Result<()> {
-    let mut places: Vec<Place> = Vec::new();
+    if numbers.is_empty() {
+        return Ok(());
+    }
+    let elements = Elements::of(tree)?;
+    let (mut places, mut moves): (Vec<(Place, &String, f64)>, Vec<(Moved, f64)>) = Default::default();
     for (name, value) in numbers {
-        let place = find(tree, name)?;
-        if places.contains(&place) {
+        if !value.is_finite() {
+            return Err(Error::Usage(format!("{} is {value}; give a finite number", ticked(name))));
+        }
+        let is_known = match find(tree, &elements, name)? {
+            Found::Number(of_name) => {
+                let is_known = places.iter().any(|(place, ..)| of_name.contains(place));
+                places.extend(of_name.into_iter().map(|place| (place, name, *value)));
+                is_known
+            }
+            Found::Moved(moved) => {
+                let is_known = moves.iter().any(|(known, _)| *known == moved);
+                moves.push((moved, *value));
+                is_known
+            }
+        };
+        if is_known {
             return Err(Error::Usage(format!("{} is set twice; set it once", ticked(name))));
         }
-        set(tree, &place, name, *value)?;
-        places.push(place);
     }
-    Ok(())
+    // Elements move by how far their numbers are from those of the file, whatever else is set.
+    let motions = elements.motions(tree, &moves)?;
+    for (place, name, value) in &places {
+        set(tree, place, name, *value)?;
+    }
+    elements.carry_out(tree, &motions)
 }
 
 /// Sets the number at this place. A key that its entry does not know is refused later, when the scene is read.
@@ -122,11 +143,12 @@ fn set_item(value: &mut Value, places: &[usize], to: f64) -> Option<()> {
     Some(())
 }
 
-/// A step into a tree.
-#[derive(Debug, Clone, PartialEq)]
-enum Step {
-    Key(String),
-    Item(usize),
+/// What a name stands for.
+enum Found {
+    /// A number, in as many places as there are copies of its frame.
+    Number(Vec<Place>),
+    /// A number that moves several entries.
+    Moved(Moved),
 }
 
 /// Where a number stands: the way to its object, and its key there.
@@ -138,60 +160,11 @@ struct Place {
     items: Vec<usize>,
 }
 
-fn key(name: &str) -> Step {
-    Step::Key(name.into())
-}
-
-/// The object at the end of a way.
-fn at<'t>(tree: &'t Value, way: &[Step]) -> Option<&'t Object> {
-    let end = way.iter().try_fold(tree, |value, step| match (step, value) {
-        (Step::Key(key), Value::Object(object)) => object.get(key),
-        (Step::Item(item), Value::Array(Array::Values(values))) => values.get(*item),
-        _ => None,
-    })?;
-    end.object()
-}
-
-fn at_mut<'t>(tree: &'t mut Value, way: &[Step]) -> Option<&'t mut Object> {
-    let end = way.iter().try_fold(tree, |value, step| match (step, value) {
-        (Step::Key(key), Value::Object(object)) => object.get_mut(key),
-        (Step::Item(item), Value::Array(Array::Values(values))) => values.get_mut(*item),
-        _ => None,
-    })?;
-    match end {
-        Value::Object(object) => Some(object.as_mut()),
-        _ => None,
-    }
-}
-
-/// All entries that have a name: the name, and the way to the entry.
-fn entries(tree: &Value) -> Vec<(String, Vec<Step>)> {
-    let block = || vec![key("nsq_gpu")];
-    let mut entries = Vec::new();
-    let lists = LISTS.iter().map(|list| vec![key(list)]).chain([[block(), vec![key("surfaces")]].concat()]);
-    for list in lists {
-        let (last, parent) = list.split_last().map_or((None, &[][..]), |(last, parent)| (Some(last), parent));
-        let Some(Step::Key(last)) = last else { continue };
-        let Some(Value::Array(Array::Values(values))) = at(tree, parent).and_then(|object| object.get(last))
-        else {
-            continue;
-        };
-        for (i, value) in values.iter().enumerate() {
-            if let Some(Value::String(name)) = value.object().and_then(|object| object.get("name")) {
-                entries.push((name.to_string(), [&list[..], &[Step::Item(i)]].concat()));
-            }
-        }
-    }
-    for table in ["media", "overrides"] {
-        let table = [block(), vec![key(table)]].concat();
-        let names = at(tree, &table).into_iter().flat_map(|object| object.keys());
-        entries.extend(names.map(|name| (name.clone(), [&table[..], &[key(name)]].concat())));
-    }
-    entries
-}
-
-fn find(tree: &Value, name: &str) -> Result<Place> {
+fn find(tree: &Value, elements: &Elements, name: &str) -> Result<Found> {
     let mut parts = parts(name)?;
+    if let Some(moved) = elements.find(&parts)? {
+        return Ok(Found::Moved(moved));
+    }
     let mut items = Vec::new();
     while let Some(place) = parts.last().filter(|_| parts.len() > 2).and_then(|last| last.parse().ok()) {
         items.insert(0, place);
@@ -233,49 +206,39 @@ fn find(tree: &Value, name: &str) -> Result<Place> {
         let Some(object) = objects.pop().filter(|object| num_keys == 1 || at(tree, object).is_some()) else {
             continue;
         };
-        return Ok(Place { object, key: last.clone(), items });
+        return Ok(Found::Number(vec![Place { object, key: last.clone(), items }]));
     }
     let label = entry.join(".");
-    let known = entries.iter().map(|(name, _)| name.as_str());
+    let frames = frames(tree);
+    let copies = frames.iter().filter(|(known, _)| *known == label);
+    let places: Vec<Place> = copies
+        .map(|(_, way)| Place { object: way.clone(), key: last.clone(), items: items.clone() })
+        .collect();
+    let faces: Vec<String> = elements.faces_of(&label).map(ticked).collect();
+    if !FRAME.contains(&last.as_str()) && !(faces.is_empty() && places.is_empty()) {
+        let advice = did_you_mean(last, FRAME);
+        let of_faces = match faces.is_empty() {
+            true => String::new(),
+            false => format!("; its faces, which have numbers of their own, are {}", faces.join(", ")),
+        };
+        return Err(Error::Usage(format!(
+            "{}: what is called {} moves as one, and has no {}; {advice}{of_faces}",
+            ticked(name),
+            quoted(&label),
+            ticked(last)
+        )));
+    }
+    if !places.is_empty() {
+        return Ok(Found::Number(places));
+    }
+    let frames = frames.iter().map(|(name, _)| name.as_str());
+    let known = entries.iter().map(|(name, _)| name.as_str()).chain(elements.names()).chain(frames);
     let advice = did_you_mean(&label, known);
     Err(Error::Usage(format!(
         "{}: nothing in the scene is called {}; {advice}",
         ticked(name),
         quoted(&label)
     )))
-}
-
-/// The parts of a name, between dots that are not quoted.
-fn parts(name: &str) -> Result<Vec<String>> {
-    let mut parts = vec![String::new()];
-    let mut in_quotes = false;
-    for letter in name.chars() {
-        match letter {
-            '"' => in_quotes = !in_quotes,
-            '.' if !in_quotes => parts.push(String::new()),
-            letter => parts.last_mut().into_iter().for_each(|part| part.push(letter)),
-        }
-    }
-    if in_quotes || parts.iter().any(String::is_empty) {
-        return Err(Error::Usage(format!("{} is no name of a number; write it as in `L1.r1`", ticked(name))));
-    }
-    Ok(parts)
-}
-
-/// The way to the object of an entry that has a key: the entry's frame, its configuration, its shape, or the entry.
-fn inner(tree: &Value, entry: &[Step], wanted: &str) -> Vec<Step> {
-    let within = |name: &str| [entry, &[key(name)]].concat();
-    let has = |way: &[Step]| at(tree, way).is_some_and(|object| object.contains_key(wanted));
-    if FRAME.contains(&wanted) && at(tree, &within("cs")).is_some() {
-        return within("cs");
-    }
-    if let Some(way) =
-        ["config", "shape", "interaction", "bsdf", "coating"].map(within).into_iter().find(|way| has(way))
-    {
-        return way;
-    }
-    // What no object has yet belongs to a component's configuration.
-    if !has(entry) && at(tree, &within("config")).is_some() { within("config") } else { entry.to_vec() }
 }
 
 #[cfg(test)]

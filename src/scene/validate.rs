@@ -7,6 +7,8 @@ use crate::Result;
 use crate::model::Sampling;
 use crate::model::checks::{between, conic_constant, fraction, position, radius, refuse, size};
 use crate::model::place::{did_you_mean, key_of, quoted};
+use crate::scene::elements;
+use crate::scene::entries::placed;
 use crate::scene::json::{
     Block, Component, CoordinateSystem, Detector, Doublet, Lens, Medium, Mirror, Override, RawSurface,
     ReflectProb, Reflectance, SamplingPolicy, ScatterFraction, SceneFile, Source, Spectrum,
@@ -40,6 +42,7 @@ pub(super) fn check(file: &SceneFile, warnings: &mut Vec<String>) -> Result<()> 
     check_wavelength_count(file)?;
     check_total_flux(file)?;
     check_names(file)?;
+    elements::check(file)?;
     if let Some(block) = &file.nsq_gpu {
         check_block(block, file)?;
     }
@@ -272,12 +275,7 @@ fn is_like_degrees(angle: f64) -> bool {
 
 /// Says where a rotation looks like degrees: of a frame, or of one that it is chained to.
 fn warn_of_degrees(file: &SceneFile, warnings: &mut Vec<String>) {
-    let components = file.components.iter().map(|component| (component.name(), component.cs()));
-    let surfaces = file.nsq_gpu.iter().flat_map(|block| &block.surfaces);
-    let surfaces = surfaces.map(|surface| (surface.name.as_str(), &surface.cs));
-    let sources = file.sources.iter().map(|source| (source.name(), source.cs()));
-    let detectors = file.detectors.iter().map(|detector| (detector.name(), detector.cs()));
-    for (name, cs) in components.chain(surfaces).chain(sources).chain(detectors) {
+    for (name, cs) in placed(file) {
         let chain = std::iter::successors(Some(cs), |cs| cs.reference_cs.as_deref());
         let mut angles =
             chain.enumerate().flat_map(|(links, cs)| [cs.rx, cs.ry, cs.rz].map(|angle| (links, angle)));

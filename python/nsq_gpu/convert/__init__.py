@@ -51,7 +51,8 @@ def from_optic(optic: Any, *, detector_pixels: tuple[int, int] = (256, 256),
         margin: Radius of a face over that of its rays, where no aperture is stated.
 
     Returns:
-        The scene; ``scene.conversion_report`` is a :class:`LensReport`.
+        The scene; ``scene.conversion_report`` is a :class:`LensReport`. ``scene.elements`` lists lenses and mirrors, which move
+        by names such as ``L4.y``, ``L4.rx`` and ``gap_3``.
 
     Raises:
         UnsupportedSceneError: A surface, an aperture, a coating or a field cannot be carried, by its name.
@@ -85,8 +86,11 @@ def _scene(optic: Any, detector_pixels: tuple[int, int], detector_size: tuple[fl
         # Optiland's own, such as of an optic without a wavelength.
         raise UnsupportedSceneError(f"Optiland cannot trace this optic: {type(error).__name__}: {error}") from error
     faces = _before_image(optic, faces, report)
-    build(scene, faces, rays, edges, margin, report)
+    elements = build(scene, faces, rays, edges, margin, report)
     _add_detector(scene, optic, rays, detector_pixels, detector_size, report)
+    if elements and "behind" in elements[-1]:
+        elements[-1]["behind"].append("image")
+    scene.elements = elements
     obstructions.tell(scene, faces, rays, report)
     scene.conversion_report = report
     return scene

@@ -57,8 +57,9 @@ class Gap:
     medium: NSQMaterial
 
 
-def build(scene: NSQScene, faces: list[Face], rays: Rays, edges: str | BaseBSDF, margin: float, report: LensReport) -> None:
-    """Add all surfaces of a lens to a scene, and tell the report."""
+def build(scene: NSQScene, faces: list[Face], rays: Rays, edges: str | BaseBSDF, margin: float,
+          report: LensReport) -> list[dict[str, Any]]:
+    """Add all surfaces of a lens to a scene, tell the report, and return what moves as one, as scene files list it."""
     parts, gaps, stops = _arranged(faces, margin)
     crossing = _shrink(parts, gaps)
     elements = _elements(parts, gaps)
@@ -94,6 +95,40 @@ def build(scene: NSQScene, faces: list[Face], rays: Rays, edges: str | BaseBSDF,
         report.components[face.index] = ((by_index[face.index],) if face.index in by_index else ()) + names
     report.components = dict(sorted(report.components.items()))
     report.max_depth = sum(not face.does_nothing for face in faces) + 1
+    return _moving(parts, {report.components[face.index][0]: face.index for face in stops if report.components[face.index]},
+                   list(scene.component_names))
+
+
+def _moving(parts: list[Part], stops: dict[str, int], names: list[str]) -> list[dict[str, Any]]:
+    """Return lenses, mirrors and single faces in the order of light: their faces, what moves along, and what is behind each.
+
+    Args:
+        parts: All faces of the scene.
+        stops: The index of each stop in the prescription, by its name.
+        names: The names of all components.
+    """
+    spans: dict[str, list[int]] = {}
+    faces: dict[str, list[str]] = {}
+    for part in sorted(parts, key=lambda part: part.indices[0]):
+        label = part.name.split(".")[0]
+        spans.setdefault(label, []).extend(part.indices)
+        faces.setdefault(label, []).append(part.name)
+    found = [{"name": label, "faces": own, "parts": [name for name in names if name.startswith(f"{label}.") and name not in own]}
+             for label, own in faces.items()]
+    for name, index in stops.items():
+        # A stop in glass is a part of the lens.
+        for element in found:
+            if min(spans[element["name"]]) < index < max(spans[element["name"]]):
+                element["parts"].append(name)
+                break
+    ends = [max(spans[element["name"]]) for element in found]
+    if any(end > min(spans[other["name"]]) for end, other in zip(ends, found[1:], strict=False)):
+        # Light comes back to an element: what is behind it is before it, too.
+        return found
+    inside = {name for element in found for name in element["parts"]}
+    for element, first, last in zip(found, ends, [*ends[1:], math.inf], strict=False):
+        element["behind"] = [name for name, index in stops.items() if first < index < last and name not in inside]
+    return found
 
 
 def _absorbing(face: Face) -> list[Aperture]:

@@ -75,6 +75,7 @@ def export(scene: NSQScene) -> ExportedScene:
         "surfaces": parts.surfaces,
         "overrides": parts.overrides,
         "order": parts.order if parts.order_needed() else None,
+        "elements": elements(scene, {*parts.order, *(item["name"] for item in (*source_list, *detector_list))}),
         "detectors": extras,
         "sampling": sampling(getattr(scene, "sampling_policy", None)),
     }
@@ -147,6 +148,22 @@ def _media_in(tree: Any) -> set[str]:
         own = {tree["name"]} if tree.get("type") == "medium" else set()
         return own.union(*map(_media_in, tree.values()))
     return set().union(*map(_media_in, tree)) if isinstance(tree, list) else set()
+
+
+def elements(scene: NSQScene, known: set[str]) -> list[Json]:
+    """Return what moves as one, ``scene.elements``, without what the scene no longer has.
+
+    Where a face is gone, so is its element. Where something behind an element is gone, the spaces between elements have no name.
+    """
+    given = [dict(element) for element in getattr(scene, "elements", None) or ()]
+    found = [element for element in given if known.issuperset(element["faces"])]
+    behind = {name for element in given for name in element.get("behind") or ()}
+    for element in found:
+        if "parts" in element:
+            element["parts"] = [name for name in element["parts"] if name in known]
+        if len(found) < len(given) or not behind <= known:
+            element.pop("behind", None)
+    return found
 
 
 def sampling(policy: Any) -> Json | None:

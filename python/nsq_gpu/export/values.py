@@ -167,4 +167,6 @@ def coordinate_system(cs: CoordinateSystem, place: str) -> Json:
         raise refuse_type(place, "its coordinate system", cs, "optiland's CoordinateSystem")
     axes = {axis: number(getattr(cs, axis), f"{place}: cs.{axis}") for axis in ("x", "y", "z", "rx", "ry", "rz")}
     reference = cs.reference_cs
-    return {**axes, "reference_cs": coordinate_system(reference, place) if reference is not None else None}
+    # A frame that several components stand in may have a name, by which its numbers are called.
+    name = {"name": cs.name} if isinstance(getattr(cs, "name", None), str) else {}
+    return {**name, **axes, "reference_cs": coordinate_system(reference, place) if reference is not None else None}

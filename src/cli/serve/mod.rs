@@ -13,6 +13,7 @@ use crate::cli::trace::missed_target;
 use crate::error::{Error, Result};
 use crate::gpu::AdapterChoice;
 use crate::result::{Report, TraceResult, npz_files, report};
+use crate::scene::Scene;
 use crate::trace::gradients::LossWithEdges;
 use serde_json::{Value, json};
 use std::collections::HashMap;
@@ -175,6 +176,12 @@ fn answer(
                 Err(error) => output.fail(id, &error),
             }
         }
+        Request::Numbers { scene, names } => match Scene::numbers(&scene, &names) {
+            Ok(values) => {
+                output.send(&json!({"id": id, "reply": "numbers", "names": names, "values": values}))
+            }
+            Err(error) => output.fail(id, &error),
+        },
         Request::Trace(request) => trace(session, output, id, &request, flag),
     }
 }

@@ -16,6 +16,8 @@ use std::path::PathBuf;
 pub(crate) enum Request {
     /// Asks for the version of the protocol, and the adapter.
     Hello,
+    /// Asks for numbers of a scene's text, by their names.
+    Numbers { scene: String, names: Vec<String> },
     /// Asks for a trace.
     Trace(Box<TraceRequest>),
 }
@@ -80,6 +82,17 @@ struct TraceHeader {
     progress: bool,
 }
 
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct NumbersHeader {
+    #[allow(dead_code, reason = "read before")]
+    id: Value,
+    #[allow(dead_code, reason = "read before")]
+    request: String,
+    scene: Value,
+    names: Vec<String>,
+}
+
 /// An array of adjoints that comes after the header.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -109,30 +122,29 @@ impl Request {
     pub(crate) fn of(header: Value, arrays: &[u8]) -> Result<Self> {
         match header.get("request").and_then(Value::as_str) {
             Some("hello") => Ok(Request::Hello),
+            Some("numbers") => {
+                let NumbersHeader { scene, names, .. } = read(header)?;
+                Ok(Request::Numbers { scene: text_of(scene), names })
+            }
             Some("trace") => {
                 TraceRequest::of(header, arrays).map(|request| Request::Trace(Box::new(request)))
             }
             Some(other) => Err(Error::Usage(format!(
-                "there is no request `{other}`; there are hello, trace, stop and cancel"
+                "there is no request `{other}`; there are hello, numbers, trace, stop and cancel"
             ))),
-            None => {
-                Err(Error::Usage("the header has no text `request`: hello, trace, stop or cancel".into()))
-            }
+            None => Err(Error::Usage(
+                "the header has no text `request`: hello, numbers, trace, stop or cancel".into(),
+            )),
         }
     }
 }
 
 impl TraceRequest {
     fn of(header: Value, arrays: &[u8]) -> Result<Self> {
-        let header: TraceHeader =
-            serde_json::from_value(header).map_err(|error| Error::Usage(format!("the request: {error}")))?;
-        let scene = match header.scene {
-            Value::String(text) => text,
-            object => object.to_string(),
-        };
+        let header: TraceHeader = read(header)?;
         let Options { trace, record_paths } = options(&header.options)?;
         Ok(TraceRequest {
-            scene,
+            scene: text_of(header.scene),
             name: header.name,
             folder: header.folder.unwrap_or_default(),
             set: numbers(&header.set)?,
@@ -146,6 +158,18 @@ impl TraceRequest {
             adjoints: header.adjoints.map(|told| adjoints(told, arrays)).transpose()?,
             progress: header.progress,
         })
+    }
+}
+
+fn read<T: serde::de::DeserializeOwned>(header: Value) -> Result<T> {
+    serde_json::from_value(header).map_err(|error| Error::Usage(format!("the request: {error}")))
+}
+
+/// A scene's text, be it given as a text or as an object.
+fn text_of(scene: Value) -> String {
+    match scene {
+        Value::String(text) => text,
+        object => object.to_string(),
     }
 }
 

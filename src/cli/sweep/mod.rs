@@ -15,7 +15,7 @@ use crate::cli::serve::session::{Next, Session};
 use crate::cli::stops::stop_on_interrupt;
 use crate::cli::sweep::points::{Point, Points, Traced};
 use crate::cli::sweep::values::{
-    Distribution, Tolerance, Values, combinations, parse_tolerance, parse_values, samples,
+    Distribution, Tolerances, Values, combinations, parse_tolerances, parse_values, samples,
 };
 use crate::cli::trace::missed_target;
 use crate::cli::trace_args::{PathsArg, PrecisionArg, TraceArgs};
@@ -38,17 +38,17 @@ const MOST_NAMED: usize = 10;
 pub struct Args {
     /// The scene file.
     scene: PathBuf,
-    /// A number of the scene and its values: L1.r1=50:60:11 (eleven from 50 to 60), L2.z=1,2,5 or L2.z=3. Several of
+    /// A number of the scene and its values: L1.r1=50:60:11 (eleven from 50 to 60), L2.z=1,2,5 or L2.rx=0.1deg. Several of
     /// these give every combination. Names with dots are quoted: '"a.b".r1=50,60'.
     #[arg(long, value_name = "NAME=VALUES", value_parser = parse_values)]
     set: Vec<Values>,
     /// The values of several --set belong together: the first of each, then the second, and so on.
     #[arg(long)]
     zip: bool,
-    /// A number of the scene and its tolerance, absolute or in percent: L1.r1=0.1%, L2.z=0.05. Each sample draws all of
-    /// them.
-    #[arg(long, value_name = "NAME=SIZE", value_parser = parse_tolerance, conflicts_with = "set")]
-    tolerance: Vec<Tolerance>,
+    /// Numbers of the scene and their tolerances, absolute or in percent: L1.r1=0.1%, or L4.y=50um,L4.rx=0.1deg,gap_3=0.02.
+    /// Each sample draws all of them.
+    #[arg(long, value_name = "NAME=SIZE", value_parser = parse_tolerances, conflicts_with = "set")]
+    tolerance: Vec<Tolerances>,
     /// Samples of the tolerances.
     #[arg(long, default_value_t = 100, requires = "tolerance", value_name = "N")]
     samples: u32,
@@ -106,7 +106,10 @@ pub fn run(args: &Args) -> Result<String> {
     let is_of_tolerances = !args.tolerance.is_empty();
     let points = match is_of_tolerances {
         false => combinations(&args.set, args.zip)?,
-        true => samples(&text, &args.tolerance, args.distribution, args.trace.seed, args.samples)?,
+        true => {
+            let tolerances: Vec<_> = args.tolerance.iter().flat_map(|some| some.0.iter().cloned()).collect();
+            samples(&text, &tolerances, args.distribution, args.trace.seed, args.samples)?
+        }
     };
     let new_file = |path: &PathBuf| OutputFile::new(path, args.overwrite, &args.scene, |_| false);
     let file = args.output.as_ref().map(new_file).transpose()?;

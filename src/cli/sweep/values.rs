@@ -1,7 +1,8 @@
 //! The values that a sweep gives to numbers: lists, and draws of tolerances.
 
+use crate::cli::trace::between_commas;
 use crate::error::{Error, Result};
-use crate::scene::Scene;
+use crate::scene::{Scene, units};
 
 /// The distribution of a tolerance of size s.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -40,26 +41,19 @@ fn name_and_rest(text: &str) -> std::result::Result<(String, &str), String> {
     Ok((name.trim().into(), rest.trim()))
 }
 
-fn number(text: &str) -> std::result::Result<f64, String> {
-    let text = text.trim();
-    match text.parse::<f64>() {
-        Ok(number) if number.is_finite() => Ok(number),
-        Ok(_) => Err(format!("`{text}` is not finite; give a finite number")),
-        Err(_) => Err(format!("`{text}` is no number")),
-    }
-}
-
 /// A number's name and its value: L1.r1=50.5.
 pub(crate) fn parse_number(text: &str) -> std::result::Result<(String, f64), String> {
     let (name, rest) = name_and_rest(text)?;
-    Ok((name, number(rest)?))
+    let number = units::parse(&name, rest)?;
+    Ok((name, number))
 }
 
 pub(super) fn parse_values(text: &str) -> std::result::Result<Values, String> {
     let (name, rest) = name_and_rest(text)?;
+    let number = |text: &str| units::parse(&name, text);
     let values = match rest.split(':').collect::<Vec<_>>()[..] {
         [first, last, count] => {
-            let (first, last, count) = (number(first)?, number(last)?, number(count)?);
+            let (first, last, count) = (number(first)?, number(last)?, units::parse("", count)?);
             if !(1.0..=MOST_POINTS as f64).contains(&count) || count.fract() != 0.0 {
                 return Err(format!("`{rest}` has {count} values; give a whole number from 1 to 1e6"));
             }
@@ -80,14 +74,27 @@ pub(super) fn parse_values(text: &str) -> std::result::Result<Values, String> {
     Ok(Values { name, values })
 }
 
-pub(super) fn parse_tolerance(text: &str) -> std::result::Result<Tolerance, String> {
+/// Tolerances between commas.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Tolerances(pub(super) Vec<Tolerance>);
+
+pub(super) fn parse_tolerances(text: &str) -> std::result::Result<Tolerances, String> {
+    between_commas(text)
+        .iter()
+        .map(|one| parse_tolerance(one))
+        .collect::<std::result::Result<_, _>>()
+        .map(Tolerances)
+}
+
+fn parse_tolerance(text: &str) -> std::result::Result<Tolerance, String> {
     let (name, rest) = name_and_rest(text)?;
     let (digits, relative) = rest.strip_suffix('%').map_or((rest, false), |digits| (digits, true));
-    let size = number(digits)? * if relative { 0.01 } else { 1.0 };
+    let size = if relative { units::parse("", digits) } else { units::parse(&name, digits) }?
+        * if relative { 0.01 } else { 1.0 };
     if size.is_finite() && size > 0.0 {
         Ok(Tolerance { name, size, relative })
     } else {
-        Err(format!("`{rest}` is no tolerance above 0; write 0.1% or 0.05"))
+        Err(format!("`{rest}` is no tolerance above 0; write 0.1%, 0.05 or 50um"))
     }
 }
 
@@ -174,6 +181,8 @@ mod tests {
         assert_eq!(values("L1.r1=50:60:3"), Ok(vec![50.0, 55.0, 60.0]));
         assert_eq!(values("L1.r1=1,-2e1"), Ok(vec![1.0, -20.0]));
         assert_eq!(values("L1.r1=7:9:1"), Ok(vec![7.0]));
+        assert_eq!(values("L1.y=-50um:50um:3"), Ok(vec![-0.05, 0.0, 0.05]));
+        assert_eq!(values("L1.rx=1mrad,2mrad"), Ok(vec![0.001, 0.002]));
         assert_eq!(parse_values("\"a=b\".r1=3").map(|values| values.name), Ok("\"a=b\".r1".into()));
         for wrong in [
             "L1.r1",
@@ -195,7 +204,12 @@ mod tests {
         let tolerance = |text| parse_tolerance(text).map(|t| (t.size, t.relative));
         assert_eq!(tolerance("L1.r1=0.5%"), Ok((0.005, true)));
         assert_eq!(tolerance("L1.r1=0.5"), Ok((0.5, false)));
-        for wrong in ["L1.r1=0", "L1.r1=-1%", "L1.r1=x", "L1.r1"] {
+        assert_eq!(tolerance("L1.y=50um"), Ok((0.05, false)));
+        let all = parse_tolerances(r#"L4.y=0.05, "a,b".rx=1mrad,gap_3=0.02"#).unwrap().0;
+        let all: Vec<(&str, f64)> = all.iter().map(|one| (one.name.as_str(), one.size)).collect();
+        assert_eq!(all, [("L4.y", 0.05), ("\"a,b\".rx", 1e-3), ("gap_3", 0.02)]);
+        assert!(parse_tolerances("L4.y=0.05,").is_err());
+        for wrong in ["L1.r1=0", "L1.r1=1deg", "L1.r1=1mm%", "L1.r1=-1%", "L1.r1=x", "L1.r1"] {
             assert!(parse_tolerance(wrong).is_err(), "{wrong}");
         }
     }

@@ -5,7 +5,7 @@ use crate::format::shown;
 use crate::model::{Allowance, Coating, Frame, Interaction, Medium, ReflectProb, SceneIr, SimpleCoating};
 use crate::program::features::has_unit_gradients;
 use crate::program::tangents::Parameter;
-use crate::scene::parameters::FRAME;
+use crate::scene::entries::moves;
 use glam::DMat3;
 use rayon::prelude::*;
 
@@ -53,7 +53,7 @@ impl Scaled {
                 shown(name)
             )));
         }
-        let is_frame = FRAME.contains(&key);
+        let is_frame = moves(key);
         let is_of_list = !name.ends_with(key);
         let by_shape = || size_by_shape(ir, |change| with(value + change));
         let size = match is_of_list.then(by_shape).flatten() {
