@@ -57,8 +57,18 @@ class Gap:
     medium: NSQMaterial
 
 
-def build(scene: NSQScene, faces: list[Face], rays: Rays, edges: str | BaseBSDF, margin: float, report: LensReport) -> None:
-    """Add all surfaces of a lens to a scene, and tell the report."""
+@dataclass(frozen=True)
+class Element:
+    """A lens, a mirror or a single face of the scene."""
+
+    name: str
+    #: The diameter of its largest face [mm].
+    width: float
+
+
+def build(scene: NSQScene, faces: list[Face], rays: Rays, edges: str | BaseBSDF, margin: float,
+          report: LensReport) -> Element | None:
+    """Add all surfaces of a lens to a scene, and tell the report; return the element that light meets last."""
     parts, gaps, stops = _arranged(faces, margin)
     crossing = _shrink(parts, gaps)
     elements = _elements(parts, gaps)
@@ -94,6 +104,17 @@ def build(scene: NSQScene, faces: list[Face], rays: Rays, edges: str | BaseBSDF,
         report.components[face.index] = ((by_index[face.index],) if face.index in by_index else ()) + names
     report.components = dict(sorted(report.components.items()))
     report.max_depth = sum(not face.does_nothing for face in faces) + 1
+    return _last(parts, elements)
+
+
+def _last(parts: list[Part], elements: list[list[Gap]]) -> Element | None:
+    """Return the element that light meets last; None where there is none."""
+    if not parts:
+        return None
+    last = max(parts, key=lambda part: max(part.indices))
+    own = [part for gaps in elements for gap in gaps for part in (gap.first, gap.second)
+           if any(last in (known.first, known.second) for known in gaps)]
+    return Element(last.name.split(".")[0], 2.0 * max(part.radius for part in [last, *own]))
 
 
 def _absorbing(face: Face) -> list[Aperture]:
