@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from optiland.nonsequential import NSQScene
 
+from nsq_gpu.arguments import answering, check_scene
 from nsq_gpu.binary import find_binary
 from nsq_gpu.errors import ResultWarning, UsageError, warn
 from nsq_gpu.export import export, to_json
@@ -85,7 +86,8 @@ def jacobian(scene: NSQScene | str | os.PathLike[str], parameters: str | Sequenc
         timeout: Longest time [s].
 
     Raises:
-        UsageError: A name of nothing, or a number by which nothing can be differentiated.
+        UnknownNameError: A name of nothing.
+        UsageError: A number by which nothing can be differentiated.
         NsqGpuError: One of its other subclasses, by what went wrong.
         Interrupted: Ctrl-C ended the trace; ``partial`` is the Jacobian of the rays that were traced. So it is with
             TraceTimeoutError.
@@ -93,7 +95,8 @@ def jacobian(scene: NSQScene | str | os.PathLike[str], parameters: str | Sequenc
     names, text, where = _asked(scene, parameters)
     session = shared_session(find_binary(binary), adapter)
     options = numbers_of_rays(num_rays, seed, max_depth) | {"precision": precision}
-    return session.kept(text, options, of_answer, timeout=timeout, gradient=names, **where)
+    with answering(text, names):
+        return session.kept(text, options, of_answer, timeout=timeout, gradient=names, **where)
 
 
 class LossGradient(dict[str, float]):
@@ -134,13 +137,15 @@ def loss_gradient(scene: NSQScene | str | os.PathLike[str], parameters: str | Se
         What the loss gains by a unit of each parameter; ``why_forward`` tells whether rays could not be walked back.
 
     Raises:
-        UsageError: A name of nothing, or a number by which nothing can be differentiated.
+        UnknownNameError: A name of nothing.
+        UsageError: A number by which nothing can be differentiated.
         NsqGpuError: One of its other subclasses, by what went wrong.
     """
     names, text, where = _asked(scene, parameters)
     session = shared_session(find_binary(binary), adapter)
     options = numbers_of_rays(num_rays, seed, max_depth) | {"precision": precision}
-    answer = session.loss_gradient(text, options, names, adjoints, timeout=timeout, **where)
+    with answering(text, names):
+        answer = session.loss_gradient(text, options, names, adjoints, timeout=timeout, **where)
     warn_of_lost(answer["num_lost"])
     found = LossGradient(zip(names, answer["values"], strict=True))
     found.why_forward = answer["why_forward"]
@@ -159,6 +164,7 @@ def _asked(scene: NSQScene | str | os.PathLike[str],
     names = [parameters] if isinstance(parameters, str) else list(parameters)
     if not names:
         raise UsageError('name a parameter, such as "L1.r1"')
+    check_scene(scene, or_path=True)
     if isinstance(scene, NSQScene):
         return names, to_json(export(scene).document, indent=None), {"name": EXPORTED, "folder": None}
     path = Path(scene)

@@ -171,7 +171,11 @@ def read_document(path: Path) -> Json:
         json.JSONDecodeError: The text is something else, such as the rest of JSON5; the message says where.
         UnicodeDecodeError: It is not UTF-8.
     """
-    text = path.read_text(encoding="utf-8-sig")
+    return parsed(path.read_text(encoding="utf-8-sig"))
+
+
+def parsed(text: str) -> Json:
+    """Return the tree of a file's text; see :func:`read_document`."""
     bare = _STRING_OR_TRAILING_COMMA.sub(_blank, _STRING_OR_COMMENT.sub(_blank, text))
     try:
         document: Json = json.loads(bare)
@@ -382,7 +386,12 @@ def _aperture(spec: Json) -> Any:
 
 def _mesh(spec: Json, folder: Path) -> MeshGeometry:
     # Optiland needs trimesh for meshes alone.
-    import trimesh
+    try:
+        import trimesh
+    except ImportError:
+        from nsq_gpu.arguments import missing
+
+        raise missing("trimesh", "mesh", "Optiland's meshes need") from None
 
     if spec.get("path") is not None:
         return MeshGeometry(trimesh.load_mesh(folder / spec["path"], process=False))

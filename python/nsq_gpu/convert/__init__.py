@@ -22,6 +22,7 @@ from optiland.nonsequential import NSQScene
 from optiland.nonsequential.bsdf.base import BaseBSDF
 from optiland.optic import Optic
 
+from nsq_gpu.arguments import wrong_kind
 from nsq_gpu.convert import carried, obstructions, prescription
 from nsq_gpu.convert.detector import add_detector
 from nsq_gpu.convert.elements import build
@@ -58,9 +59,9 @@ def from_optic(optic: Any, *, detector_pixels: tuple[int, int] = (256, 256),
         UsageError: An argument makes no sense.
     """
     if not isinstance(optic, Optic):
-        raise UsageError(f"this is a {type(optic).__name__}; give Optiland's Optic, or the path of a file to nsq_gpu.from_file")
+        raise wrong_kind("optic", optic, "give Optiland's Optic, or the path of a file to nsq_gpu.from_file")
     if not isinstance(edges, BaseBSDF) and not (isinstance(edges, str) and edges in ("absorbing", "polished")):
-        raise UsageError(f"edges is {edges!r}; give 'absorbing', 'polished' or a BSDF")
+        raise wrong_kind("edges", edges, "give 'absorbing', 'polished' or a BSDF")
     if not isinstance(margin, (int, float, np.number)) or not 1.0 <= margin < float("inf"):
         raise UsageError(f"margin is {margin!r}; give a number of 1 or more")
     _check_sizes(detector_pixels, detector_size)
