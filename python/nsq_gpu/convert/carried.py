@@ -59,11 +59,16 @@ def _of_face(face: Face) -> Iterator[tuple[str, str]]:
 def _of_frame(position: np.ndarray, rotation: np.ndarray) -> Iterator[tuple[str, str]]:
     """Yield the decentre and the tilt of a frame, against that of the whole prescription."""
     if np.abs(position[:2]).max() > _ON_AXIS:
-        yield "decentre", f"decentre, x = {position[0]:.6g} mm, y = {position[1]:.6g} mm"
+        yield "decentre", f"decentre, x = {_rounded(position[0]):.6g} mm, y = {_rounded(position[1]):.6g} mm"
     if np.abs(rotation - np.eye(3)).max() > _ON_AXIS:
-        angles = ", ".join(f"{axis} = {math.degrees(angle):.6g}"
+        angles = ", ".join(f"{axis} = {_rounded(math.degrees(angle)):.6g}"
                            for axis, angle in zip(("rx", "ry", "rz"), angles_of(rotation), strict=True))
         yield "tilt", f"tilt, {angles} degrees"
+
+
+def _rounded(value: float) -> float:
+    """Return a number without the rounding of frames, and 0 without a sign."""
+    return round(float(value), 12) + 0.0
 
 
 def _shape(form: Form) -> str:

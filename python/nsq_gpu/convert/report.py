@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -33,11 +34,10 @@ class Carried:
 
 def shortened(origins: Sequence[str]) -> str:
     """Return places in a file as one text: the lines, and the names of the cards."""
-    cards = [place.rsplit(":", 2) for place in origins]
-    if any(len(card) < 3 for card in cards):
+    cards = [found.groups() for place in origins if (found := re.fullmatch(r"(.*):(\d+): (\S+)", place))]
+    if len(cards) < len(origins):
         return ", ".join(origins)
-    lines = dict.fromkeys(line for _, line, _ in cards)
-    names = dict.fromkeys(name.strip() for *_, name in cards)
+    lines, names = (dict.fromkeys(card[part] for card in cards) for part in (1, 2))
     return f"{cards[0][0]}:{','.join(lines)} ({', '.join(names)})"
 
 

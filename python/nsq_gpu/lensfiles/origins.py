@@ -8,9 +8,9 @@ from nsq_gpu.lensfiles.cards import Card, Reading, number_of
 
 #: By the kind of a part, the names of the cards that may state it, in all formats.
 _NAMES = {
-    "shape": "TYPE CONI PARM XDAT K A B C D E F G H J SPH CON ASP CYL XTO YTO RDX CUX CC AD AE AF AG CVX RCO",
-    "decentre": "COORDBRK XDE YDE ZDE DAR BEN REV DCX DCY DCZ DT",
-    "tilt": "COORDBRK ADE BDE CDE DAR BEN REV TLA TLB TLC DT",
+    "shape": "TYPE CONI PARM XDAT K A B C D E F G H J SPH CON ASP CYL XTO YTO RDX CUX CC AD AE AF AG CVX",
+    "decentre": "COORDBRK XDE YDE ZDE ADE BDE CDE DAR BEN REV DCX DCY DCZ TLA TLB TLC TOX TOY TOZ DT RCO BED RCD TDD",
+    "tilt": "COORDBRK ADE BDE CDE DAR BEN REV TLA TLB TLC DT RCO BED RCD TDD",
     "coating": "COAT",
     "aperture": "CLAP FLAP OBSC SQAP SQOB ELAP ELOB SPID OBDC DIAM CIR REX REY ELX ELY CIG REG ELG ADX ADY ARO AP APF APCK",
 }
@@ -33,8 +33,12 @@ def origins(reading: Reading, index: int, kind: str) -> tuple[str, ...]:
 
 
 def _is_zero(card: Card) -> bool:
-    """Tell whether a card states the number 0, or the plain type."""
+    """Tell whether a card states nothing but zeros, or the plain type."""
+    if card.name == "TYPE":
+        return [word.upper() for word in card.words] == ["STANDARD"]
+    # Of a parameter the first word is its place.
+    values = card.words[1:2] if card.name in ("PARM", "XDAT", "COORDBRK") else card.words
     try:
-        return bool(card.words) and (card.words[-1].upper() == "STANDARD" or number_of(card.words[-1]) == 0.0)
+        return bool(values) and not any(map(number_of, values))
     except ValueError:
         return False
