@@ -28,12 +28,13 @@ from tools.prescriptions import samples
 
 
 def last_element(scene: Any) -> float:
-    """Return the diameter of the largest face of the element that light meets last: by its names and the scene's shapes."""
+    """Return the diameter of the largest face of the element that light meets last: by names and the scene's shapes."""
     report = scene.conversion_report
     acting = [names[0] for names in report.components.values() if names and not names[0].startswith("stop")]
     element = acting[-1].split(".")[0]
     shapes = dict(zip(scene.component_names, (part.geometry for part in scene.surfaces), strict=True))
-    return 2.0 * max(float(getattr(shapes[name], "aperture_radius", 0.0) or 0.0) for name in acting if name.split(".")[0] == element)
+    own = [name for name in acting if name.split(".")[0] == element]
+    return 2.0 * max(float(getattr(shapes[name], "aperture_radius", 0.0) or 0.0) for name in own)
 
 
 @pytest.mark.parametrize(("name", "kind"), [pair for pair in samples() if pair[0] not in REFUSED],
@@ -70,7 +71,8 @@ def test_ghosts_of_a_lens_meet_its_detector() -> None:
 def test_a_size_that_is_given_is_the_size(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene = nsq_gpu.from_optic(AsphericSinglet(), detector_size=(0.5, 0.25))
     assert (float(scene.detectors[0].width), float(scene.detectors[0].height)) == (0.5, 0.25)
-    assert "Detector image: 0.5 x 0.25 mm, as given; the image circle is 0.1641 mm wide" in scene.conversion_report.summary()
+    said = scene.conversion_report.summary()
+    assert "Detector image: 0.5 x 0.25 mm, as given; the image circle is 0.1641 mm wide" in said
     file, made = tmp_path / "lens.zmx", tmp_path / "scene.json"
     file.write_text(zmx())
     assert main([str(file), "--size", "24,36", "-o", str(made)]) == 0
@@ -88,7 +90,8 @@ def test_a_size_that_is_given_is_the_size(tmp_path: Path, capsys: pytest.Capture
 
 def test_a_detector_in_the_light_is_no_wider_than_the_image() -> None:
     # The prime focus of a mirror, which light passes on its way.
-    optic = lens({"thickness": 100.0}, {"thickness": -100.0, "radius": -200.0, "material": "mirror", "is_stop": True}, pupil=30.0)
+    optic = lens({"thickness": 100.0},
+                 {"thickness": -100.0, "radius": -200.0, "material": "mirror", "is_stop": True}, pupil=30.0)
     scene = nsq_gpu.from_optic(optic)
     report = scene.conversion_report
     assert report.detector_size[0] == report.image_circle < 1.0
@@ -137,8 +140,10 @@ def test_parts_of_an_optic_come_from_its_surfaces() -> None:
 BREAK = ["TYPE COORDBRK", "PARM 1 0.5", "PARM 2 0", "PARM 3 2.0", "DISZ 3"]
 #: Lens files, and the kinds of parts that each has.
 FILES = {
-    "asphere.zmx": (zmx(face=["TYPE EVENASPH", "CONI -0.5", "PARM 2 1e-6", "PARM 3 0", "PARM 4 1e-10", "CLAP 0 6 0"]), {"shape", "aperture"}),
-    "breaks.zmx": (zmx(["COFN QF COATING.DAT"], ["COAT HALF"], before=[["CURV 0", "DISZ 10"], BREAK]), {"decentre", "tilt", "coating"}),
+    "asphere.zmx": (zmx(face=["TYPE EVENASPH", "CONI -0.5", "PARM 2 1e-6", "PARM 3 0", "PARM 4 1e-10", "CLAP 0 6 0"]),
+                    {"shape", "aperture"}),
+    "breaks.zmx": (zmx(["COFN QF COATING.DAT"], ["COAT HALF"], before=[["CURV 0", "DISZ 10"], BREAK]),
+                   {"decentre", "tilt", "coating"}),
     "conic.zmx": (zmx(face=["CONI 0.25"], image=["COMM film"]), {"shape"}),
     "asphere.seq": (seq(face=["ASP", "K -0.5", "A 1e-6; B 0; C 1e-10", "CIR 6"]), {"shape", "aperture"}),
     "tilts.seq": (seq(face=["XDE 0.5; YDE 0", "ADE 2.0"]), {"decentre", "tilt"}),
@@ -179,8 +184,9 @@ def test_the_command_prints_what_was_carried_and_from_where(tmp_path: Path, caps
     file.write_text(FILES["asphere.zmx"][0])
     assert main([str(file)]) == 0
     said = capsys.readouterr().out
-    lines = {"".join(row.split()[:2]): number for number, row in enumerate(FILES["asphere.zmx"][0].splitlines(), start=1)}
-    numbers = [lines[key] for key in ("CONI-0.5", "TYPEEVENASPH", "PARM2", "PARM4")]
-    assert f"Carried: L1.front: even asphere, 2 coefficients, from lens.zmx:{','.join(map(str, sorted(numbers)))} (" in said
+    rows = FILES["asphere.zmx"][0].splitlines()
+    lines = {"".join(row.split()[:2]): number for number, row in enumerate(rows, start=1)}
+    numbers = ",".join(map(str, sorted(lines[key] for key in ("CONI-0.5", "TYPEEVENASPH", "PARM2", "PARM4"))))
+    assert f"Carried: L1.front: even asphere, 2 coefficients, from lens.zmx:{numbers} (" in said
     assert re.search(r"Carried: L1.front: aperture, disk of radius 6 mm, from lens.zmx:\d+ \(CLAP\)", said)
     assert re.search(r"Detector image: \d", said)

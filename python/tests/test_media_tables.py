@@ -30,15 +30,16 @@ LINES = [0.45, 0.4861, 0.5461, 0.5876, 0.6563, 0.7]
 
 
 def optilands() -> DataMaterial:
-    return DataMaterial.from_samples(SAMPLES, INDICES, name="flint",
-                                     extinction={"kind": "tabulated_k", "wavelengths_um": SAMPLES, "values": EXTINCTIONS})
+    extinction = {"kind": "tabulated_k", "wavelengths_um": SAMPLES, "values": EXTINCTIONS}
+    return DataMaterial.from_samples(SAMPLES, INDICES, name="flint", extinction=extinction)
 
 
 def scene(lines: list[float] = LINES) -> NSQScene:
     """Return a lens of a glass that Optiland has as a table."""
     glass = NSQMaterial(optiland_material=optilands())
     found = NSQScene()
-    found.add_source("beam", cs(z=-20.0), CollimatedSourceConfig(Spectrum(np.array(lines), np.ones(len(lines))), aperture_radius=8.0))
+    spectrum = Spectrum(np.array(lines), np.ones(len(lines)))
+    found.add_source("beam", cs(z=-20.0), CollimatedSourceConfig(spectrum, aperture_radius=8.0))
     found.add_lens("L", cs(), LensConfig(60.0, -60.0, 5.0, glass, 12.0))
     found.add_detector("image", cs(z=40.0), IrradianceDetectorConfig(12.0, 12.0, 16, 16))
     return found
@@ -68,11 +69,12 @@ def test_a_table_in_a_file_is_between_its_wavelengths_what_optiland_interpolates
 
 
 def test_the_loaders_table_interpolates_as_optilands() -> None:
-    table = TableMaterial([SAMPLES[i] for i in (2, 0, 3, 1)], [INDICES[i] for i in (2, 0, 3, 1)], [EXTINCTIONS[i] for i in (2, 0, 3, 1)])
+    table = TableMaterial(*([values[i] for i in (2, 0, 3, 1)] for values in (SAMPLES, INDICES, EXTINCTIONS)))
     theirs = optilands()
     asked = be.array(np.linspace(0.45, 0.7, 101))
     for which in ("n", "k"):
-        np.testing.assert_array_equal(be.to_numpy(getattr(table, which)(asked)), be.to_numpy(getattr(theirs, which)(asked)))
+        one, other = (be.to_numpy(getattr(material, which)(asked)) for material in (table, theirs))
+        np.testing.assert_array_equal(one, other)
     # Wavelengths in float32 are the same wavelengths.
     assert float(np.squeeze(be.to_numpy(table.n(float(np.float32(0.7)))))) == pytest.approx(INDICES[3], abs=1e-7)
 
@@ -86,7 +88,8 @@ def test_beyond_a_table_light_is_refused_by_name_and_wavelength_with_the_range(l
             pytest.raises(nsq_gpu.SceneError, match=rf"{name}.*no value at {line} um.*from 0.45 to 0.7 um"):
         session.request(json.dumps(document), {"num_rays": 10})
     loaded = scene_from_dict(document)
-    with pytest.raises(ValueError, match=rf"the medium '{name}': the table has no value at {line} um; it is from 0.45 to 0.7 um"):
+    said = rf"the medium '{name}': the table has no value at {line} um; it is from 0.45 to 0.7 um"
+    with pytest.raises(ValueError, match=said):
         loaded.trace(10, backend=NumpyBackend())
     with pytest.raises(nsq_gpu.UnsupportedSceneError, match=rf"no value at {line} um"):
         export(loaded)
@@ -96,19 +99,21 @@ def test_a_coarse_table_is_said_to_be_coarse() -> None:
     with nsq_gpu.Session(binary=live.binary()) as session:
         report = session.request(json.dumps(by_table()), {"num_rays": 10}).report
         exact = session.request(export(scene()).document, {"num_rays": 10}).report
-    assert any("n at 0.5461 um is interpolated between 0.5 and 0.57 um, where n differs by 7.8e-3" in said for said in report["scene_warnings"])
+    coarse = "n at 0.5461 um is interpolated between 0.5 and 0.57 um, where n differs by 7.8e-3"
+    assert any(coarse in said for said in report["scene_warnings"])
     assert not any("interpolated" in said for said in exact["scene_warnings"])
 
 
 def test_a_wavelength_has_no_derivative_where_a_medium_is_a_table(tmp_path: Path) -> None:
     (tmp_path / "scene.json").write_text(json.dumps(by_table()), encoding="utf-8")
     [name] = by_table()["nsq_gpu"]["media"]
+    said = f"is a wavelength, and the medium \"{name}\" is a table.*nsq-gpu diff"
+    which, ones = "beam.spectrum.wavelengths.1", {"image": np.ones((16, 16))}
     for given in (scene(), tmp_path / "scene.json"):
-        for call in (lambda given=given: nsq_gpu.jacobian(given, ["beam.spectrum.wavelengths.1"], 100, binary=live.binary()),
-                     lambda given=given: nsq_gpu.loss_gradient(given, "beam.spectrum.wavelengths.1", {"image": np.ones((16, 16))}, 100,
-                                                               binary=live.binary())):
-            with pytest.raises(nsq_gpu.UsageError, match=f"is a wavelength, and the medium \"{name}\" is a table.*nsq-gpu diff"):
-                call()
+        with pytest.raises(nsq_gpu.UsageError, match=said):
+            nsq_gpu.jacobian(given, [which], 100, binary=live.binary())
+        with pytest.raises(nsq_gpu.UsageError, match=said):
+            nsq_gpu.loss_gradient(given, which, ones, 100, binary=live.binary())
     # Other numbers have derivatives.
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -58,15 +58,15 @@ def test_use_of_the_class_is_use_of_its_defaults() -> None:
 def test_a_class_in_the_place_of_an_instance_is_answered_by_the_call_that_makes_one(tmp_path: Path) -> None:
     scene = singlet()
     for call, said in (
-        (lambda: scene.trace(10, backend=NsqGpuBackend), "backend is the class NsqGpuBackend; give an instance: NsqGpuBackend()"),
+        (lambda: scene.trace(10, backend=NsqGpuBackend), "the class NsqGpuBackend; give an instance: NsqGpuBackend()"),
         (lambda: nsq_gpu.from_optic(CookeTriplet), "optic is the class CookeTriplet; give an instance: CookeTriplet()"),
         (lambda: nsq_gpu.from_optic(CookeTriplet(), edges=LambertianBSDF), "edges is the class LambertianBSDF"),
         (lambda: nsq_gpu.jacobian(NSQScene, ["L.r1"], 10), "scene is the class NSQScene; give an instance: NSQScene()"),
         (lambda: nsq_gpu.loss_gradient(NSQScene, ["L.r1"], {}, 10), "scene is the class NSQScene"),
         (lambda: nsq_gpu.diff(scene, NSQScene, 10, binary=live.binary()), "scene is the class NSQScene"),
         (lambda: nsq_gpu.export_scene(NSQScene, tmp_path / "scene.json"), "scene is the class NSQScene"),
-        (lambda: nsq_gpu.export_scene(CookeTriplet(), tmp_path / "scene.json"), "make a scene of it: nsq_gpu.from_optic(optic)"),
-        (lambda: nsq_gpu.export_scene("scene.json", tmp_path / "scene.json"), "read it: nsq_gpu.load_scene('scene.json')"),
+        (lambda: nsq_gpu.export_scene(CookeTriplet(), tmp_path / "a.json"), "make a scene of it: nsq_gpu.from_optic"),
+        (lambda: nsq_gpu.export_scene("scene.json", tmp_path / "a.json"), "read it: nsq_gpu.load_scene('scene.json')"),
         (lambda: nsq_gpu.jacobian(CookeTriplet(), ["L.r1"], 10), "make a scene of it"),
         (lambda: NsqGpuBackend("f32"), "seed is 'f32', which is a precision; write NsqGpuBackend(precision='f32')"),
     ):

@@ -126,8 +126,8 @@ fn from_block(name: &str, described: &Described, wavelengths: &[f64]) -> Result<
 /// Indices of neighbours in a table that differ by more than this say little of what lies between.
 const COARSE: f64 = 1e-3;
 
-/// n and k of a table at the wavelengths of the scene \[um\], linear between those of the table, as Optiland has tables. A list
-/// that is missing is 0. Beside them stands where the table is coarse.
+/// n and k of a table at the wavelengths of the scene \[um\], linear between those of the table, as Optiland has tables.
+/// A list that is missing is 0. Beside them stands where the table is coarse.
 fn interpolated(
     place: &str,
     listed: &[f64],
@@ -160,8 +160,8 @@ fn interpolated(
         let apart = (n.at(above) - n.at(below)).abs();
         if above != *wavelength && apart > COARSE {
             said.push(format!(
-                "{place}: n at {wavelength} um is interpolated between {below} and {above} um, where n differs by {apart:.1e}; \
-                 list wavelengths that lie closer"
+                "{place}: n at {wavelength} um is interpolated between {below} and {above} um, where n differs by \
+                 {apart:.1e}; list wavelengths that lie closer"
             ));
         }
     }
@@ -169,7 +169,7 @@ fn interpolated(
     Ok(([at(&n), at(&k)], said))
 }
 
-/// The name of a medium that is a table over wavelengths, if the scene uses one: such a medium has no derivative by them.
+/// The name of a medium that is a table over wavelengths, if the scene uses one: it has no derivative by them.
 pub(crate) fn tabulated(file: &SceneFile) -> Option<String> {
     let empty = Block::default();
     let block = file.nsq_gpu.as_ref().unwrap_or(&empty);

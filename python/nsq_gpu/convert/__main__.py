@@ -33,7 +33,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("-o", "--output", metavar="SCENE", help="the scene's file; without it the report alone is printed")
     parser.add_argument("--pixels", type=int, default=256, metavar="N", help="pixels of the image along x and along y [256]")
     parser.add_argument("--size", type=_size, metavar="W,H",
-                        help="width and height of the detector [mm], such as 24,36 [as wide as the image circle or the last element]")
+                        help="width and height of the detector [mm], such as 24,36 [as wide as the image circle or the last "
+                             "element]")
     parser.add_argument("--edges", choices=["absorbing", "polished"], default="absorbing", help="what edges of lenses do")
     parser.add_argument("--margin", type=float, default=1.03, help="radius of faces over that of their rays [1.03]")
     parser.add_argument("--unknown", choices=["refuse", "remark"], default="refuse",

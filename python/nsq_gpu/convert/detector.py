@@ -21,8 +21,8 @@ _LEAST = 1e-3
 _END = 1e-6
 
 
-def add_detector(scene: NSQScene, optic: Any, faces: list[Face], rays: Rays, last: Element | None, pixels: tuple[int, int],
-                 size: tuple[float, float] | None, report: LensReport) -> None:
+def add_detector(scene: NSQScene, optic: Any, faces: list[Face], rays: Rays, last: Element | None,
+                 pixels: tuple[int, int], size: tuple[float, float] | None, report: LensReport) -> None:
     """Add the detector on the image, and tell the report how large it is.
 
     Ghosts of a lens are as wide as its last element, so the detector is as wide as that or as the image circle.
@@ -40,18 +40,21 @@ def add_detector(scene: NSQScene, optic: Any, faces: list[Face], rays: Rays, las
             if _is_clear(faces, rays, position, rotation, width, last.width):
                 width, reason = last.width, f"as wide as the last element, {last.name}"
             else:
-                reason += f"; as wide as the last element, {last.name} ({last.width:.4g} mm), it would stand in the light"
+                reason += (f"; as wide as the last element, {last.name} ({last.width:.4g} mm), it would stand in the "
+                           "light")
         size = (width, width)
     report.detector_size = (float(size[0]), float(size[1]))
     report.image_circle = circle
     report.detector_reason = reason
     curved = np.abs(local[:, 2]).max()
     if curved > 1e-9:
-        report.remarks.append(f"the image is curved: its light is up to {curved:.3g} mm off the detector, a plane in its vertex")
+        report.remarks.append(f"the image is curved: its light is up to {curved:.3g} mm off the detector, a plane in its "
+                              "vertex")
     scene.add_detector("image", frame(position, rotation), IrradianceDetectorConfig(*size, *pixels))
 
 
-def _is_clear(faces: list[Face], rays: Rays, position: np.ndarray, rotation: np.ndarray, least: float, width: float) -> bool:
+def _is_clear(faces: list[Face], rays: Rays, position: np.ndarray, rotation: np.ndarray, least: float,
+              width: float) -> bool:
     """Tell whether a detector of this width takes no light on its way that a detector of the least width leaves."""
     local = (rays.places[:, rays.arrive] - position) @ rotation
     directions = rays.directions[:, rays.arrive] @ rotation
