@@ -68,6 +68,7 @@ def test_a_class_in_the_place_of_an_instance_is_answered_by_the_call_that_makes_
         (lambda: nsq_gpu.export_scene(CookeTriplet(), tmp_path / "a.json"), "make a scene of it: nsq_gpu.from_optic"),
         (lambda: nsq_gpu.export_scene("scene.json", tmp_path / "a.json"), "read it: nsq_gpu.load_scene('scene.json')"),
         (lambda: nsq_gpu.jacobian(CookeTriplet(), ["L.r1"], 10), "make a scene of it"),
+        (lambda: nsq_gpu.from_file(CookeTriplet()), "make a scene of it: nsq_gpu.from_optic"),
         (lambda: NsqGpuBackend("f32"), "seed is 'f32', which is a precision; write NsqGpuBackend(precision='f32')"),
     ):
         found = answer(call)
