@@ -317,12 +317,13 @@ fn materials() {
 }
 
 #[test]
-fn tables_are_not_interpolated() {
+fn tables_end_where_they_end() {
     let used = SCENE.replace(r#""name": "glass"}"#, r#""name": "tab"}"#);
     Scene::from_json(&used).unwrap();
-    let (place, message) = refusal(&used.replace("0.5876], \"n\"", "0.7], \"n\""));
+    let (place, message) = refusal(&used.replace("0.5876], \"n\"", "0.5], \"n\""));
     assert_eq!(place, "nsq_gpu.media.tab.wavelengths");
     assert!(message.contains("no value at 0.5876 um"), "{message}");
+    assert!(message.contains("the table is from 0.4861 to 0.5 um"), "{message}");
     let table = r#""reflectance": {"wavelengths": [0.5876], "values": [1]}"#;
     let place = r#"nsq_gpu.overrides["L1.front"].reflectance.wavelengths"#;
     refused(r#""reflectance": 0.5"#, table, place, &["no value at 0.4861 um", "not interpolated"]);

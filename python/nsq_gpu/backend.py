@@ -15,6 +15,7 @@ from optiland.nonsequential._utils import DEFAULT_BATCH_SIZE
 from optiland.nonsequential.backends.base import TracerBackend
 from optiland.nonsequential.tracer import SimulationResult
 
+from nsq_gpu.arguments import PRECISIONS, SAMPLERS, of_an_instance, wrong_kind
 from nsq_gpu.binary import find_binary
 from nsq_gpu.edges import shape_of, warn_of_edges
 from nsq_gpu.errors import (
@@ -36,8 +37,6 @@ from nsq_gpu.process import ProgressCallback, Shown, Update, run
 from nsq_gpu.results import check_paths, fill_scene, in_folder, warn_of
 from nsq_gpu.session import EXPORTED, Answer, Session, shared_session
 
-PRECISIONS = ("auto", "f32", "f64", "df64")
-SAMPLERS = ("pcg", "sobol")
 #: Most rays of a trace in the process's session; a longer one has a process of its own, which writes its rows to disk.
 MOST_SESSION_RAYS = 1_000_000
 _SEEDS = 1 << 64
@@ -97,6 +96,8 @@ class NsqGpuBackend(TracerBackend):
         for name, given, known in (("precision", precision, PRECISIONS), ("sampler", sampler, SAMPLERS)):
             if given not in known:
                 raise UsageError(f"{name} is {given!r}; give one of {', '.join(known)}")
+        if isinstance(seed, str | type):
+            raise wrong_kind("seed", seed, "give a whole number")
         if standard_error not in (None, True, False):
             raise UsageError(f"standard_error is {standard_error!r}; give True, False or None")
         if paths not in (True, False):
@@ -128,6 +129,7 @@ class NsqGpuBackend(TracerBackend):
         #: Numbers without a derivative that a warning has named.
         self._told: set[str] = set()
 
+    @of_an_instance
     def trace(self, scene: NSQScene, num_rays: int, max_depth: int = 16, min_flux_fraction: float = 1e-6,
               batch_size: int = DEFAULT_BATCH_SIZE, seed: int | None = None,
               record_paths: bool | int = False) -> SimulationResult:

@@ -27,6 +27,7 @@ from typing import Any, NamedTuple
 from optiland.nonsequential import NSQScene
 from optiland.nonsequential.tracer import SimulationResult
 
+from nsq_gpu.arguments import missing
 from nsq_gpu.binary import find_binary
 from nsq_gpu.errors import NsqGpuError, SceneError, TraceTimeoutError, UsageError, with_partial
 from nsq_gpu.export import export, to_json
@@ -455,7 +456,7 @@ def _distributed() -> Any:
     try:
         import distributed
     except ImportError:
-        raise NsqGpuError("Dask is not installed; `pip install nsq-gpu[cluster]`") from None
+        raise missing("Dask", "cluster", "a cluster needs") from None
     return distributed
 
 

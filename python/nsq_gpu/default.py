@@ -8,6 +8,7 @@ from typing import Any
 
 from optiland.nonsequential import NSQScene
 
+from nsq_gpu.arguments import check_backend
 from nsq_gpu.backend import NsqGpuBackend
 
 _chosen: NsqGpuBackend | None = None
@@ -34,7 +35,13 @@ def use(backend: NsqGpuBackend | None = NsqGpuBackend) -> None:  # type: ignore[
 
     Args:
         backend: The backend; ``NsqGpuBackend()`` if none is given. None makes Optiland's own the default again.
+
+    Raises:
+        UsageError: It is no backend, such as the name of a precision.
     """
     global _chosen
-    _chosen = NsqGpuBackend() if backend is NsqGpuBackend else backend
+    chosen = NsqGpuBackend() if backend is NsqGpuBackend else backend
+    if chosen is not None:
+        check_backend(chosen)
+    _chosen = chosen
     NSQScene.trace = _optilands if _chosen is None else _trace

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from optiland.nonsequential import NSQScene
 
+from nsq_gpu.arguments import check_scene
 from nsq_gpu.binary import find_binary
 from nsq_gpu.errors import NsqGpuError, NsqGpuWarning, SceneError, TraceTimeoutError, warn, with_partial
 from nsq_gpu.export import export, to_json
@@ -152,6 +153,7 @@ def _read(folder: Path) -> Difference | None:
 
 def _file(scene: NSQScene | str | os.PathLike[str], folder: Path, side: str) -> str:
     """Return the file of a scene; a live one is written into ``folder``."""
+    check_scene(scene, or_path=True)
     if not isinstance(scene, NSQScene):
         return os.fspath(scene)
     path = folder / f"{side}.json"

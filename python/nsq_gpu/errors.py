@@ -44,10 +44,24 @@ class UsageError(NsqGpuError):
     exit_code = 2
 
 
+class MissingLibraryError(NsqGpuError, ImportError):
+    """A library that a call needs is not installed; the message has the command that installs it."""
+
+
 class SceneError(NsqGpuError):
     """The tracer refuses the scene."""
 
     exit_code = 3
+
+
+class UnknownNameError(UsageError, SceneError, KeyError):
+    """Nothing in the scene has this name; the message has the nearest name that is right.
+
+    Older versions gave UsageError for a name of no entry, and SceneError for a name of no number. It is both.
+    """
+
+    # That of KeyError is the message in quotes.
+    __str__ = RuntimeError.__str__
 
 
 class UnsupportedSceneError(SceneError):

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from optiland.nonsequential import NSQScene
 
+from nsq_gpu.arguments import answering, check_scene
 from nsq_gpu.binary import find_binary
 from nsq_gpu.edges import check_options
 from nsq_gpu.errors import ResultWarning, UsageError, warn
@@ -100,7 +101,8 @@ def jacobian(scene: NSQScene | str | os.PathLike[str], parameters: str | Sequenc
         timeout: Longest time [s].
 
     Raises:
-        UsageError: A name of nothing, or a number by which nothing can be differentiated.
+        UnknownNameError: A name of nothing.
+        UsageError: A number by which nothing can be differentiated.
         NsqGpuError: One of its other subclasses, by what went wrong.
         Interrupted: Ctrl-C ended the trace; ``partial`` is the Jacobian of the rays that were traced. So it is with
             TraceTimeoutError.
@@ -109,7 +111,7 @@ def jacobian(scene: NSQScene | str | os.PathLike[str], parameters: str | Sequenc
     names, text, place = _asked(scene, parameters)
     session = shared_session(find_binary(binary), adapter)
     options = numbers_of_rays(num_rays, seed, max_depth) | {"precision": precision, "where": where}
-    with Shown(progress or False) as shown:
+    with answering(text, names), Shown(progress or False) as shown:
         show = (lambda said: shown.show(Update(said))) if progress else None
         return session.kept(text, options, lambda answer, partial: of_answer(answer, partial, edges), timeout=timeout,
                             progress=show, gradient=names, gradient_edges=edges, **place)
@@ -162,14 +164,15 @@ def loss_gradient(scene: NSQScene | str | os.PathLike[str], parameters: str | Se
         What the loss gains by a unit of each parameter; ``why_forward`` tells whether rays could not be walked back.
 
     Raises:
-        UsageError: A name of nothing, or a number by which nothing can be differentiated.
+        UnknownNameError: A name of nothing.
+        UsageError: A number by which nothing can be differentiated.
         NsqGpuError: One of its other subclasses, by what went wrong.
     """
     check_options(where, edges)
     names, text, place = _asked(scene, parameters)
     session = shared_session(find_binary(binary), adapter)
     options = numbers_of_rays(num_rays, seed, max_depth) | {"precision": precision, "where": where}
-    with Shown(progress or False) as shown:
+    with answering(text, names), Shown(progress or False) as shown:
         show = (lambda said: shown.show(Update(said))) if progress else None
         answer = session.loss_gradient(text, options, names, adjoints, timeout=timeout, progress=show, edges=edges, **place)
     warn_of_lost(answer["num_lost"])
@@ -200,6 +203,7 @@ def _asked(scene: NSQScene | str | os.PathLike[str],
     names = [parameters] if isinstance(parameters, str) else list(parameters)
     if not names:
         raise UsageError('name a parameter, such as "L1.r1"')
+    check_scene(scene, or_path=True)
     if isinstance(scene, NSQScene):
         return names, to_json(export(scene).document, indent=None), {"name": EXPORTED, "folder": None}
     path = Path(scene)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from nsq_gpu.errors import NsqGpuError
+from nsq_gpu.arguments import missing
 
 Json = dict[str, Any]
 
@@ -61,12 +61,12 @@ class PathTable(np.ndarray):
         """Return a ``pandas.DataFrame`` with the same columns.
 
         Raises:
-            NsqGpuError: pandas is not installed (``pip install nsq-gpu[pandas]``).
+            MissingLibraryError: pandas is not installed (``pip install nsq-gpu[pandas]``).
         """
         try:
             import pandas
         except ImportError:
-            raise NsqGpuError("pandas is not installed; `pip install nsq-gpu[pandas]`, or index the array itself") from None
+            raise missing("pandas", "pandas", "to_pandas needs") from None
         return pandas.DataFrame({name: self[name] for name in self.dtype.names or ()})
 
 

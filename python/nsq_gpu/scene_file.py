@@ -79,20 +79,37 @@ _STRING_OR_COMMENT = re.compile(rf"({_STRING})|//[^\n\r\u2028\u2029]*|/\*.*?\*/"
 _STRING_OR_TRAILING_COMMA = re.compile(rf"({_STRING}|[\[{{,:]\s*,)|,(?=\s*[\]}}])", re.DOTALL)
 
 
-class TableMaterial(BaseMaterial):  # type: ignore[no-untyped-call]
-    """A medium given by n and k at listed wavelengths, linear between them and constant outside."""
+#: A wavelength in float32 differs from itself in float64 by so much, relative to it, at most.
+_ROUNDING = 1e-6
 
-    def __init__(self, wavelengths: list[float], n: list[float], k: list[float] | None = None) -> None:
+
+class TableMaterial(BaseMaterial):  # type: ignore[no-untyped-call]
+    """A medium given by n and k at listed wavelengths [um], in any order: linear between them, and refused beyond them."""
+
+    def __init__(self, wavelengths: list[float], n: list[float], k: list[float] | None = None,
+                 label: str = "a medium by table") -> None:
         super().__init__()
-        self.wavelengths = np.asarray(wavelengths, dtype=np.float64)
-        self.index = np.asarray(n, dtype=np.float64)
-        self.extinction = np.zeros_like(self.index) if k is None else np.asarray(k, dtype=np.float64)
+        order = np.argsort(wavelengths)
+        self.wavelengths = np.asarray(wavelengths, dtype=np.float64)[order]
+        self.index = np.asarray(n, dtype=np.float64)[order]
+        self.extinction = np.zeros_like(self.index) if k is None else np.asarray(k, dtype=np.float64)[order]
+        # An attribute `name` would pass for a catalog name with Optiland.
+        self.label = label
 
     def _calculate_n(self, wavelength: Any, **kwargs: Any) -> Any:
-        return _interpolate(wavelength, self.wavelengths, self.index)
+        return self._at(wavelength, self.index)
 
     def _calculate_k(self, wavelength: Any, **kwargs: Any) -> Any:
-        return _interpolate(wavelength, self.wavelengths, self.extinction)
+        return self._at(wavelength, self.extinction)
+
+    def _at(self, wavelength: Any, values: np.ndarray) -> Any:
+        asked = np.asarray(be.to_numpy(wavelength), dtype=np.float64)
+        first, last = self.wavelengths[[0, -1]]
+        # Torch may hand on wavelengths in float32.
+        beyond = asked[(asked < first * (1.0 - _ROUNDING)) | (asked > last * (1.0 + _ROUNDING))]
+        if beyond.size:
+            raise ValueError(f"{self.label}: the table has no value at {beyond.flat[0]:g} um; it is from {first:g} to {last:g} um")
+        return be.array(np.interp(asked, self.wavelengths, values))
 
 
 def _interpolate(wavelength: Any, wavelengths: Any, values: Any) -> Any:
@@ -135,18 +152,18 @@ def _from_catalog(name: str) -> NSQMaterial:
 
 
 def _named(name: str, spec: Json) -> NSQMaterial:
-    material = NSQMaterial(optiland_material=_medium(spec))
+    material = NSQMaterial(optiland_material=_medium(name, spec))
     # For the exporter; an attribute `name` of the inner material would pass for a catalog name with Optiland.
     material.nsq_gpu_name = name  # type: ignore[attr-defined]
     return material
 
 
-def _medium(spec: Json) -> BaseMaterial | None:
+def _medium(name: str, spec: Json) -> BaseMaterial | None:
     kind = spec["type"]
     if kind == "constant":
         return IdealMaterial(n=spec["n"], k=spec.get("k", 0.0))
     if kind == "table":
-        return TableMaterial(spec["wavelengths"], spec["n"], spec.get("k"))
+        return TableMaterial(spec["wavelengths"], spec["n"], spec.get("k"), f"the medium {name!r}")
     if kind == "catalog":
         return _from_catalog(spec["name"]).optiland_material
     raise ValueError(f"unknown medium type {kind!r}")
@@ -171,7 +188,11 @@ def read_document(path: Path) -> Json:
         json.JSONDecodeError: The text is something else, such as the rest of JSON5; the message says where.
         UnicodeDecodeError: It is not UTF-8.
     """
-    text = path.read_text(encoding="utf-8-sig")
+    return parsed(path.read_text(encoding="utf-8-sig"))
+
+
+def parsed(text: str) -> Json:
+    """Return the tree of a file's text; see :func:`read_document`."""
     bare = _STRING_OR_TRAILING_COMMA.sub(_blank, _STRING_OR_COMMENT.sub(_blank, text))
     try:
         document: Json = json.loads(bare)
@@ -388,7 +409,12 @@ def _aperture(spec: Json) -> Any:
 
 def _mesh(spec: Json, folder: Path) -> MeshGeometry:
     # Optiland needs trimesh for meshes alone.
-    import trimesh
+    try:
+        import trimesh
+    except ImportError:
+        from nsq_gpu.arguments import missing
+
+        raise missing("trimesh", "mesh", "Optiland's meshes need") from None
 
     if spec.get("path") is not None:
         mesh = trimesh.load_mesh(folder / spec["path"], process=False)

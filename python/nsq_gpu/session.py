@@ -19,6 +19,7 @@ import numpy as np
 from optiland.nonsequential import NSQScene
 from optiland.nonsequential.tracer import SimulationResult
 
+from nsq_gpu.arguments import of_names
 from nsq_gpu.binary import find_binary
 from nsq_gpu.errors import Interrupted, NsqGpuError, SceneError, TraceTimeoutError, UsageError, error_of, with_partial
 from nsq_gpu.export import export, to_json
@@ -213,7 +214,7 @@ class Session:
                 except TraceTimeoutError:
                     raise TraceTimeoutError(f"the sweep took longer than timeout = {timeout:g} s and was ended") from None
                 except (SceneError, UsageError) as error:
-                    yield error
+                    yield of_names(error, text, values)
                 else:
                     warn_of(answer.report, answer.missed_target, known)
                     yield answer

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from nsq_gpu import placing
+from nsq_gpu.arguments import missing
 from nsq_gpu.errors import NsqGpuError, NsqGpuWarning, SceneError, UsageError, warn, with_partial
 from nsq_gpu.paths import path_table
 
@@ -146,12 +147,12 @@ class Sweep:
         """Return an ``xarray.Dataset``: variables ``NAME flux``, ``NAME standard_error`` and ``NAME map``, with units.
 
         Raises:
-            NsqGpuError: xarray is not installed (``pip install nsq-gpu[xarray]``).
+            MissingLibraryError: xarray is not installed (``pip install nsq-gpu[xarray]``).
         """
         try:
             import xarray
         except ImportError:
-            raise NsqGpuError("xarray is not installed; `pip install nsq-gpu[xarray]`, or use to_csv") from None
+            raise missing("xarray", "xarray", "to_xarray needs") from None
         names = ["point"] if self.zipped else list(self.values)
         coordinates = {name: ("point" if self.zipped else name, values) for name, values in self.values.items()}
         variables = {}

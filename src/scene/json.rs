@@ -201,7 +201,7 @@ pub enum Medium {
         #[serde(default)]
         k: f64,
     },
-    /// Values at exactly the wavelengths that the sources emit.
+    /// Values at some wavelengths, linear between them; a source must not emit beyond them.
     Table {
         /// Wavelengths \[um\].
         wavelengths: Vec<f64>,

@@ -1,12 +1,12 @@
 //! Materials -> tables of n and k over the wavelengths of the scene.
 
 use std::collections::{BTreeMap, HashMap};
+use std::sync::Arc;
 
 use crate::model::place::{did_you_mean, key_of, quoted};
 use crate::model::{Medium, MediumId};
 use crate::scene::json::{Block, Component, Material, Medium as Described, SceneFile};
-use crate::scene::materials;
-use crate::scene::surfaces::look_up;
+use crate::scene::materials::{self, Dispersion, Table};
 use crate::{Error, Result};
 
 /// Every medium that a scene uses, vacuum first, and which one each of the user's words means.
@@ -114,16 +114,78 @@ fn from_block(name: &str, described: &Described, wavelengths: &[f64]) -> Result<
             Ok((medium(vec![*n; wavelengths.len()], vec![*k; wavelengths.len()]), Vec::new()))
         }
         Described::Table { wavelengths: listed, n, k } => {
-            let k = match k {
-                Some(k) => look_up(listed, k, wavelengths, &place)?,
-                None => vec![0.0; wavelengths.len()],
-            };
-            Ok((medium(look_up(listed, n, wavelengths, &place)?, k), Vec::new()))
+            let ([n, k], said) = interpolated(&place, listed, [Some(n), k.as_ref()], wavelengths)?;
+            Ok((medium(n, k), said))
         }
         Described::Catalog { name: catalog_name } => {
             from_catalog(&key_of(&place, "name"), catalog_name, name, wavelengths)
         }
     }
+}
+
+/// Indices of neighbours in a table that differ by more than this say little of what lies between.
+const COARSE: f64 = 1e-3;
+
+/// n and k of a table at the wavelengths of the scene \[um\], linear between those of the table, as Optiland has tables.
+/// A list that is missing is 0. Beside them stands where the table is coarse.
+fn interpolated(
+    place: &str,
+    listed: &[f64],
+    values: [Option<&Vec<f64>>; 2],
+    wavelengths: &[f64],
+) -> Result<([Vec<f64>; 2], Vec<String>)> {
+    let mut order: Vec<usize> = (0..listed.len()).collect();
+    order.sort_by(|a, b| listed[*a].total_cmp(&listed[*b]));
+    let sorted: Arc<[f64]> = order.iter().map(|i| listed[*i]).collect();
+    let no_table = || Error::scene(place, "the table is empty", "give at least one wavelength [um]");
+    let table = |values: Option<&Vec<f64>>| {
+        let values = order.iter().map(|i| values.map_or(0.0, |values| values[*i])).collect();
+        Table::new(Arc::clone(&sorted), values).ok_or_else(no_table)
+    };
+    let (n, k) = (table(values[0])?, table(values[1])?);
+    let (first, last) = n.range();
+    let mut said = Vec::new();
+    for wavelength in wavelengths {
+        if !(first..=last).contains(wavelength) {
+            return Err(Error::scene(
+                key_of(place, "wavelengths"),
+                format!("the table has no value at {wavelength} um, which a source emits"),
+                format!(
+                    "the table is from {first} to {last} um; list wavelengths on both sides of {wavelength} um"
+                ),
+            ));
+        }
+        let above = sorted.partition_point(|sample| sample < wavelength);
+        let (below, above) = (sorted[above.saturating_sub(1)], sorted[above]);
+        let apart = (n.at(above) - n.at(below)).abs();
+        if above != *wavelength && apart > COARSE {
+            said.push(format!(
+                "{place}: n at {wavelength} um is interpolated between {below} and {above} um, where n differs by \
+                 {apart:.1e}; list wavelengths that lie closer"
+            ));
+        }
+    }
+    let at = |table: &Table| wavelengths.iter().map(|wavelength| table.at(*wavelength)).collect();
+    Ok(([at(&n), at(&k)], said))
+}
+
+/// The name of a medium that is a table over wavelengths, if the scene uses one: it has no derivative by them.
+pub(crate) fn tabulated(file: &SceneFile) -> Option<String> {
+    let empty = Block::default();
+    let block = file.nsq_gpu.as_ref().unwrap_or(&empty);
+    let is_table = |name: &str| {
+        materials::resolve(name).is_ok_and(|found| matches!(found.entry.dispersion(), Dispersion::Table(_)))
+    };
+    let found = uses(file, block).into_iter().find_map(|(_, material)| match material {
+        Material::Vacuum => None,
+        Material::Name(name) | Material::Catalog { name } => is_table(name).then_some(name),
+        Material::Medium { name } => match block.media.get(name)? {
+            Described::Constant { .. } => None,
+            Described::Table { .. } => Some(name),
+            Described::Catalog { name: entry } => is_table(entry).then_some(name),
+        },
+    });
+    found.cloned()
 }
 
 /// The one door to the catalog.
@@ -155,4 +217,41 @@ fn no_material(place: &str, unknown: &materials::Unknown) -> Error {
         }
     };
     Error::scene(place, format!("unknown material {}: {reason}", quoted(&unknown.name)), remedy)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(listed: &[f64], n: &[f64], wavelengths: &[f64]) -> Result<(Vec<f64>, Vec<String>)> {
+        let ([n, k], said) = interpolated("glass", listed, [Some(&n.to_vec()), None], wavelengths)?;
+        assert_eq!(k, vec![0.0; wavelengths.len()]);
+        Ok((n, said))
+    }
+
+    #[test]
+    fn a_table_is_linear_between_its_wavelengths_in_any_order_and_itself_at_them() {
+        let (listed, n) = ([0.65, 0.45, 0.55], [1.5, 1.5004, 1.5003]);
+        let (found, said) = at(&listed, &n, &[0.45, 0.5, 0.55, 0.625, 0.65]).unwrap();
+        assert_eq!([found[0], found[2], found[4]].map(f64::to_bits), [1.5004, 1.5003, 1.5].map(f64::to_bits));
+        assert!((found[1] - 1.50035).abs() < 1e-15 && (found[3] - 1.500075).abs() < 1e-15, "{found:?}");
+        assert!(said.is_empty(), "{said:?}");
+        assert_eq!(at(&[0.55], &[1.5], &[0.55]), Ok((vec![1.5], Vec::new())));
+    }
+
+    #[test]
+    fn a_table_is_refused_beyond_its_wavelengths_with_its_range() {
+        for (listed, beyond) in [(vec![0.55], 0.56), (vec![0.6, 0.5], 0.4999), (vec![0.5, 0.6], 0.61)] {
+            let said = at(&listed, &vec![1.5; listed.len()], &[beyond]).unwrap_err().to_string();
+            assert!(said.contains(&format!("no value at {beyond} um")), "{said}");
+            assert!(said.contains("the table is from 0.5"), "{said}");
+        }
+    }
+
+    #[test]
+    fn a_coarse_table_is_said_to_be_coarse() {
+        let (_, said) = at(&[0.4861, 0.6563], &[1.5224, 1.5143], &[0.4861, 0.5876]).unwrap();
+        assert_eq!(said.len(), 1);
+        assert!(said[0].contains("n at 0.5876 um is interpolated between 0.4861 and 0.6563 um"), "{said:?}");
+    }
 }

@@ -139,6 +139,11 @@ impl Scene {
         names.iter().map(number).collect()
     }
 
+    /// The name of a medium that is a table over wavelengths, if the scene uses one.
+    pub(crate) fn tabulated_medium(&self) -> Option<String> {
+        media::tabulated(&self.file)
+    }
+
     fn read(text: &str, folder: &Path) -> Result<Self> {
         Self::of_tree(&text::parse(text)?, folder)
     }

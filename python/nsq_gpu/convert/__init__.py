@@ -14,25 +14,25 @@ import io
 import os
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from optiland.nonsequential import NSQScene
 from optiland.nonsequential.bsdf.base import BaseBSDF
-from optiland.nonsequential.detectors.configs import IrradianceDetectorConfig
 from optiland.optic import Optic
 
-from nsq_gpu.convert import obstructions, prescription
+from nsq_gpu.arguments import wrong_kind
+from nsq_gpu.convert import carried, obstructions, prescription
+from nsq_gpu.convert.detector import add_detector
 from nsq_gpu.convert.elements import build
 from nsq_gpu.convert.fields import add_sources
 from nsq_gpu.convert.report import LensReport
 from nsq_gpu.convert.tensors import attach
 from nsq_gpu.errors import NsqGpuError, UnsupportedSceneError, UsageError
-from nsq_gpu.frames import frame, placed
+from nsq_gpu.frames import placed
 from nsq_gpu.lensfiles import read_lens
-
-#: What is free around the light of all fields on the detector, as a share of its extent.
-_FREE = 0.1
+from nsq_gpu.lensfiles.origins import origins
 
 
 def from_optic(optic: Any, *, detector_pixels: tuple[int, int] = (256, 256),
@@ -46,7 +46,8 @@ def from_optic(optic: Any, *, detector_pixels: tuple[int, int] = (256, 256),
     Args:
         optic: Optiland's ``Optic``.
         detector_pixels: Pixels of the image along x and y.
-        detector_size: Width and height of the image [mm]; what the light of all fields needs if None.
+        detector_size: Width and height of the image [mm]. None takes the image circle or the last element's width, whichever is
+            larger; the report says which.
         edges: What the edges of lenses do: ``"absorbing"``, ``"polished"``, or a BSDF.
         margin: Radius of a face over that of its rays, where no aperture is stated.
 
@@ -59,9 +60,9 @@ def from_optic(optic: Any, *, detector_pixels: tuple[int, int] = (256, 256),
         UsageError: An argument makes no sense.
     """
     if not isinstance(optic, Optic):
-        raise UsageError(f"this is a {type(optic).__name__}; give Optiland's Optic, or the path of a file to nsq_gpu.from_file")
+        raise wrong_kind("optic", optic, "give Optiland's Optic, or the path of a file to nsq_gpu.from_file")
     if not isinstance(edges, BaseBSDF) and not (isinstance(edges, str) and edges in ("absorbing", "polished")):
-        raise UsageError(f"edges is {edges!r}; give 'absorbing', 'polished' or a BSDF")
+        raise wrong_kind("edges", edges, "give 'absorbing', 'polished' or a BSDF")
     if not isinstance(margin, (int, float, np.number)) or not 1.0 <= margin < float("inf"):
         raise UsageError(f"margin is {margin!r}; give a number of 1 or more")
     _check_sizes(detector_pixels, detector_size)
@@ -86,11 +87,12 @@ def _scene(optic: Any, detector_pixels: tuple[int, int], detector_size: tuple[fl
         # Optiland's own, such as of an optic without a wavelength.
         raise UnsupportedSceneError(f"Optiland cannot trace this optic: {type(error).__name__}: {error}") from error
     faces = _before_image(optic, faces, report)
-    elements = build(scene, faces, rays, edges, margin, report)
-    _add_detector(scene, optic, rays, detector_pixels, detector_size, report)
+    elements, last = build(scene, faces, rays, edges, margin, report)
+    add_detector(scene, optic, faces, rays, last, detector_pixels, detector_size, report)
     if elements and "behind" in elements[-1]:
         elements[-1]["behind"].append("image")
     scene.elements = elements
+    report.carried = carried.parts(optic, faces, report)
     obstructions.tell(scene, faces, rays, report)
     scene.conversion_report = report
     return scene
@@ -136,6 +138,7 @@ def from_file(path: str | os.PathLike[str], *, unknown: str = "refuse", glasses:
     report.remarks = [*reading.remarks, *dict.fromkeys(said), *report.remarks]
     report.passed_over = dict(reading.passed_over)
     report.glasses = dict(reading.glasses_found)
+    report.carried = [replace(part, origins=origins(reading, part.index, part.kind) or part.origins) for part in report.carried]
     return scene
 
 
@@ -162,21 +165,3 @@ def _refuse_virtual(optic: Any, rays: prescription.Rays, faces: list[prescriptio
             names = [prescription.name_of(surfaces[index], index) for index in (one, other)]
             raise UnsupportedSceneError(f"{names[1]}: light that leaves {names[0]} would run back {-np.median(ahead):.4g} mm to it; "
                                         "a virtual object or image has no place in a scene, nor a surface that light meets out of order")
-
-
-def _add_detector(scene: NSQScene, optic: Any, rays: prescription.Rays, pixels: tuple[int, int],
-                  size: tuple[float, float] | None, report: LensReport) -> None:
-    position, rotation = placed(optic.image_surface.geometry.cs)
-    local = (rays.places[-1][rays.arrive] - position) @ rotation
-    directions = rays.directions[-2][rays.arrive] @ rotation
-    on_plane = local - directions * (local[:, 2] / directions[:, 2])[:, None]
-    if size is None:
-        # Its middle is on the axis, as that of a film.
-        extents = np.maximum(np.abs(on_plane[:, :2]).max(axis=0) * 2.0 * (1.0 + _FREE), 1e-3)
-        # Light of fields in one line is as wide as their light is.
-        size = (float(extents.max()), float(extents.max()))
-    curved = np.abs(local[:, 2]).max()
-    if curved > 1e-9:
-        report.remarks.append(f"the image is curved: its light is up to {curved:.3g} mm off the detector, a plane in its vertex")
-    scene.add_detector("image", frame(position, rotation),
-                       IrradianceDetectorConfig(*size, *pixels))

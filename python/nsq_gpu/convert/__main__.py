@@ -14,6 +14,15 @@ from nsq_gpu.export import export_scene
 from nsq_gpu.lensfiles import SUFFIXES
 
 
+def _size(text: str) -> tuple[float, float]:
+    """Return the width and the height of a text such as ``24,36``."""
+    try:
+        width, height = (float(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no width and height; write both in mm, such as 24,36") from None
+    return width, height
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Convert a file; return the exit code, that of ``nsq-gpu`` for what went wrong."""
     parser = argparse.ArgumentParser(
@@ -23,6 +32,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("lens", help=f"a file whose name ends with {', '.join(SUFFIXES)}")
     parser.add_argument("-o", "--output", metavar="SCENE", help="the scene's file; without it the report alone is printed")
     parser.add_argument("--pixels", type=int, default=256, metavar="N", help="pixels of the image along x and along y [256]")
+    parser.add_argument("--size", type=_size, metavar="W,H",
+                        help="width and height of the detector [mm], such as 24,36 [as wide as the image circle or the last "
+                             "element]")
     parser.add_argument("--edges", choices=["absorbing", "polished"], default="absorbing", help="what edges of lenses do")
     parser.add_argument("--margin", type=float, default=1.03, help="radius of faces over that of their rays [1.03]")
     parser.add_argument("--unknown", choices=["refuse", "remark"], default="refuse",
@@ -34,8 +46,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if os.path.exists(given.output) and os.path.samefile(given.lens, given.output):
                 raise UsageError(f"{given.output}: the scene would be written over the lens; give another name")
             placing.check(given.output, given.overwrite)
-        scene = from_file(given.lens, detector_pixels=(given.pixels, given.pixels), edges=given.edges, margin=given.margin,
-                          unknown=given.unknown)
+        scene = from_file(given.lens, detector_pixels=(given.pixels, given.pixels), detector_size=given.size,
+                          edges=given.edges, margin=given.margin, unknown=given.unknown)
         if given.output is not None:
             export_scene(scene, given.output, overwrite=given.overwrite)
     except NsqGpuError as error:

@@ -57,9 +57,22 @@ class Gap:
     medium: NSQMaterial
 
 
+@dataclass(frozen=True)
+class Element:
+    """A lens, a mirror or a single face of the scene."""
+
+    name: str
+    #: The diameter of its largest face [mm].
+    width: float
+
+
 def build(scene: NSQScene, faces: list[Face], rays: Rays, edges: str | BaseBSDF, margin: float,
-          report: LensReport) -> list[dict[str, Any]]:
-    """Add all surfaces of a lens to a scene, tell the report, and return what moves as one, as scene files list it."""
+          report: LensReport) -> tuple[list[dict[str, Any]], Element | None]:
+    """Add all surfaces of a lens to a scene, and tell the report.
+
+    Returns:
+        What moves as one, as scene files list it, and the element that light meets last.
+    """
     parts, gaps, stops = _arranged(faces, margin)
     crossing = _shrink(parts, gaps)
     elements = _elements(parts, gaps)
@@ -95,8 +108,9 @@ def build(scene: NSQScene, faces: list[Face], rays: Rays, edges: str | BaseBSDF,
         report.components[face.index] = ((by_index[face.index],) if face.index in by_index else ()) + names
     report.components = dict(sorted(report.components.items()))
     report.max_depth = sum(not face.does_nothing for face in faces) + 1
-    return _moving(parts, {report.components[face.index][0]: face.index for face in stops if report.components[face.index]},
-                   list(scene.component_names))
+    moving = _moving(parts, {report.components[face.index][0]: face.index for face in stops if report.components[face.index]},
+                     list(scene.component_names))
+    return moving, _last(parts, elements)
 
 
 def _moving(parts: list[Part], stops: dict[str, int], names: list[str]) -> list[dict[str, Any]]:
@@ -129,6 +143,16 @@ def _moving(parts: list[Part], stops: dict[str, int], names: list[str]) -> list[
     for element, first, last in zip(found, ends, [*ends[1:], math.inf], strict=False):
         element["behind"] = [name for name, index in stops.items() if first < index < last and name not in inside]
     return found
+
+
+def _last(parts: list[Part], elements: list[list[Gap]]) -> Element | None:
+    """Return the element that light meets last; None where there is none."""
+    if not parts:
+        return None
+    last = max(parts, key=lambda part: max(part.indices))
+    own = [part for gaps in elements for gap in gaps for part in (gap.first, gap.second)
+           if any(last in (known.first, known.second) for known in gaps)]
+    return Element(last.name.split(".")[0], 2.0 * max(part.radius for part in [last, *own]))
 
 
 def _absorbing(face: Face) -> list[Aperture]:

@@ -2,9 +2,43 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from optiland.nonsequential.convert import ConversionReport
+
+
+@dataclass(frozen=True)
+class Carried:
+    """A part of the prescription that the scene has, beside radii, distances and glasses.
+
+    >>> [(part.component, part.what, part.origins) for part in report.carried]
+    [('L1.front', 'even asphere, 3 coefficients', ('lens.zmx:14: TYPE', 'lens.zmx:17: PARM'))]
+    """
+
+    #: The surface of the prescription.
+    index: int
+    #: ``"shape"``, ``"decentre"``, ``"tilt"``, ``"coating"`` or ``"aperture"``.
+    kind: str
+    #: The scene's component, or detector.
+    component: str
+    #: What was carried.
+    what: str
+    #: Where it comes from: cards of a lens file, or the surface of the Optic.
+    origins: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return f"{self.component}: {self.what}, from {shortened(self.origins)}"
+
+
+def shortened(origins: Sequence[str]) -> str:
+    """Return places in a file as one text: the lines, and the names of the cards."""
+    cards = [found.groups() for place in origins if (found := re.fullmatch(r"(.*):(\d+): (\S+)", place))]
+    if len(cards) < len(origins):
+        return ", ".join(origins)
+    lines, names = (dict.fromkeys(card[part] for card in cards) for part in (1, 2))
+    return f"{cards[0][0]}:{','.join(lines)} ({', '.join(names)})"
 
 
 @dataclass
@@ -18,6 +52,13 @@ class LensReport(ConversionReport):
 
     #: The components of each surface of the prescription, by its index: its face, or its stop; () of one that does nothing.
     components: dict[int, tuple[str, ...]] = field(default_factory=dict)
+    #: Aspheres, decentres, tilts, coatings and apertures, each with the place that it comes from.
+    carried: list[Carried] = field(default_factory=list)
+    #: Width and height of the detector [mm], and why it is so large.
+    detector_size: tuple[float, float] = (0.0, 0.0)
+    detector_reason: str = ""
+    #: Diameter of the circle about the detector's middle that takes the light of all fields, with a margin of 10 % [mm].
+    image_circle: float = 0.0
     #: Events that light needs from the source to the detector; what a ghost needs comes on top.
     max_depth: int = 0
     #: Surfaces whose aperture the prescription states, and which absorb what it clips.
@@ -37,6 +78,10 @@ class LensReport(ConversionReport):
         """Return the report as text."""
         lines = [f"{len(self.components)} surfaces; light needs {self.max_depth} events"]
         lines += [f"surface {index}: {', '.join(names) or 'does nothing to light'}" for index, names in self.components.items()]
+        width, height = self.detector_size
+        lines.append(f"Detector image: {width:.4g} x {height:.4g} mm, {self.detector_reason}; the image circle is "
+                     f"{self.image_circle:.4g} mm wide")
+        lines += [f"Carried: {part}" for part in self.carried]
         lines += [super().summary()]
         if self.stated_apertures:
             lines.append(f"Apertures as stated: {', '.join(self.stated_apertures)}")

@@ -14,6 +14,7 @@ from optiland.nonsequential import NSQScene
 from optiland.nonsequential.ir.scene_ir import SamplingPolicy
 
 from nsq_gpu import placing
+from nsq_gpu.arguments import PARTS, check_scene
 from nsq_gpu.export.components import components
 from nsq_gpu.export.detectors import detectors
 from nsq_gpu.export.materials import Media
@@ -64,6 +65,7 @@ def to_json(document: Json, indent: int | None = 2) -> str:
 
 def export(scene: NSQScene) -> ExportedScene:
     """Return what :func:`export_scene` writes; a tensor that wants a gradient counts as its value."""
+    check_scene(scene)
     media = Media(wavelength for spectrum in spectra(scene) for wavelength in spectrum["wavelengths"])
     parts = components(scene, media)
     source_list = sources(scene, media)
@@ -116,7 +118,7 @@ def _named(document: Json) -> dict[str, Any]:
         label = f'"{name}"' if "." in name or "," in name else name
         for way, value in _wanted_in(entry):
             # The program looks for a key in these parts of an entry.
-            inner = way[1:] if way[0] in _PARTS and way[:2] != ["cs", "reference_cs"] else way
+            inner = way[1:] if way[0] in PARTS and way[:2] != ["cs", "reference_cs"] else way
             # Places in lists end a name.
             is_place = [key.isdigit() for key in inner]
             if is_place != sorted(is_place):
@@ -127,10 +129,6 @@ def _named(document: Json) -> dict[str, Any]:
         if id(value) not in named:
             drop_gradient(value.tensor, value.place, "the number has no name")
     return {name: value.tensor for name, value in wanted.items()}
-
-
-#: Parts of an entry whose numbers have the entry's name.
-_PARTS = ("cs", "config", "shape", "bsdf", "coating")
 
 
 def _wanted_in(tree: Any, way: list[str] | None = None) -> list[tuple[list[str], Wanted]]:

@@ -16,6 +16,7 @@ from typing import Any
 from optiland.coatings import BaseCoating
 from optiland.materials import BaseMaterial
 
+from nsq_gpu.arguments import wrong_kind
 from nsq_gpu.errors import NsqGpuError, UsageError
 from nsq_gpu.lensfiles import codev, oslo, zemax
 from nsq_gpu.lensfiles.cards import Reading, decode
@@ -51,7 +52,7 @@ def read_lens(path: str | os.PathLike[str], *, unknown: str = "refuse", glasses:
         UnsupportedSceneError: A card changes the light, and cannot be carried; with the line.
     """
     if not isinstance(path, str | os.PathLike):
-        raise UsageError(f"this is a {type(path).__name__}; give the path of a lens file")
+        raise wrong_kind("path", path, "give the path of a lens file")
     path = Path(path)
     if unknown not in ("refuse", "remark"):
         raise UsageError(f"unknown is {unknown!r}; give 'refuse' or 'remark'")

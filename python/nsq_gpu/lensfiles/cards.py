@@ -156,6 +156,8 @@ class Reading:
     remarks: list[str] = field(default_factory=list)
     #: How often each card without meaning for light occurs.
     passed_over: Counter[str] = field(default_factory=Counter)
+    #: Cards of each surface of the Optic, with those of the coordinate breaks before it.
+    cards: dict[int, list[Card]] = field(default_factory=dict)
     #: What each glass of the file was taken for.
     glasses_found: dict[str, str] = field(default_factory=dict)
 

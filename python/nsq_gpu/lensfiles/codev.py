@@ -394,6 +394,7 @@ class _Reader:
         position, rotation = np.zeros(3), np.eye(3)
         for number, given in enumerate(self.surfaces):
             surface = self._surface(given, number, curvatures=curvatures)
+            self.reading.cards[number] = [*given.cards.values(), *given.apertures]
             far = abs(given.thickness) >= INFINITE
             surface.thickness = math.copysign(math.inf, given.thickness) if far else given.thickness * self.unit
             if number == 0:

@@ -135,6 +135,7 @@ def _check(text: str, reading: Reading) -> dict[str, Card]:
             # Lens data and those of the object are mixed.
             if not reading.is_carried(card, CARDS, in_surface=surface > 0):
                 continue
+            reading.cards.setdefault(surface, []).append(card)
             if name == "NXT":
                 surface += 1
             elif name == "GTO" and card.words:

@@ -299,6 +299,7 @@ class _Reader:
 
     def _surfaces(self, found: System) -> None:
         position, rotation = np.zeros(3), np.eye(3)
+        breaks: list[Card] = []
         for number, (start, own) in enumerate(self.surfaces):
             kind = one(own, "TYPE")
             name = kind.words[0].upper() if kind is not None and kind.words else "STANDARD"
@@ -317,6 +318,7 @@ class _Reader:
                 angles = [parms.pop(index, 0.0) for index in (3, 4, 5)]
                 reverse = parms.pop(6, 0.0) != 0.0
                 self._refuse_rest(own, "PARM", parms, "a coordinate break")
+                breaks += [Card("COORDBRK", card.words, card.place) for card in own if card.name == "PARM"]
                 turned = tilted(angles, reverse=reverse)
                 position = position + rotation @ (turned @ shift if reverse else shift)
                 rotation = rotation @ turned
@@ -324,6 +326,7 @@ class _Reader:
                 continue
             surface = self._surface(start, own, name, kind, number)
             surface.thickness = thickness
+            self.reading.cards[len(found.surfaces)], breaks = [*breaks, *own], []
             if number == 0:
                 if one(own, "DISZ") is None:
                     start.broken("the object has no distance (DISZ)")

@@ -11,7 +11,7 @@ pub struct Table {
 
 impl Table {
     /// A table over ascending `wavelengths` \[um\]; `None` unless each has one value and there is at least one.
-    pub(super) fn new(wavelengths: Arc<[f64]>, values: Vec<f64>) -> Option<Self> {
+    pub(in crate::scene) fn new(wavelengths: Arc<[f64]>, values: Vec<f64>) -> Option<Self> {
         (!values.is_empty() && wavelengths.len() == values.len()).then_some(Self { wavelengths, values })
     }
 

@@ -17,6 +17,7 @@ use crate::engine::walk::Walker;
 use crate::error::{Error, Result};
 use crate::format::shown;
 use crate::gpu::Gpu;
+use crate::model::place::quoted;
 use crate::model::{Precision, SceneIr};
 use crate::program::layout::bindings;
 use crate::program::tangents::{Parameter, Tangents};
@@ -82,6 +83,20 @@ pub struct How<'a> {
     pub edit: Option<&'a dyn Fn(String) -> String>,
 }
 
+/// Refuses a wavelength where a medium is a table, whose slope is that of a straight line between two samples.
+fn refuse_by_wavelength(scene: &Scene, name: &str) -> Result<()> {
+    let is_wavelength = name.split('.').any(|part| part == "wavelengths");
+    match scene.tabulated_medium().filter(|_| is_wavelength) {
+        None => Ok(()),
+        Some(medium) => Err(Error::Usage(format!(
+            "`{}` is a wavelength, and the medium {} is a table, which has no derivative by it; compare two scenes by \
+             `nsq-gpu diff`, or give the medium by its name in the catalog",
+            shown(name),
+            quoted(&medium)
+        ))),
+    }
+}
+
 impl Differentiated {
     /// A scene's text, read from a folder, with some numbers set, and names of numbers by which it is differentiated.
     /// `change` is made to each scene, such as another sampling.
@@ -112,6 +127,7 @@ impl Differentiated {
             if parameters.iter().any(|scaled| is_this(&scaled.parameter.name)) {
                 return Err(Error::Usage(format!("`{}` is named twice; name it once", shown(name))));
             }
+            refuse_by_wavelength(&scene, name)?;
             let value =
                 set.iter().rev().find(|(known, _)| is_this(known)).map_or(written, |(_, value)| *value);
             parameters.push(Scaled::new(&ir, name, value, |value| Ok(read(&[(name.clone(), value)])?.0))?);
