@@ -1117,6 +1117,29 @@ fn coefficients_of_aspheres_have_derivatives() {
     }
 }
 
+/// A short difference of two traces confirms the gradient of a loss of light that stays clear of edges, and of no other.
+#[test]
+fn a_short_difference_confirms_what_stays_clear_of_edges() {
+    let wide = BENCH.replace("\"aperture_radius\": 8.0", "\"aperture_radius\": 20.0");
+    assert_ne!(wide, BENCH);
+    let names = ["glass.n", "L1.r1", "beam.total_flux", "lamp.z", "L1.front_aperture_radius"];
+    let shelf = nsq_gpu::trace::Shelf::new();
+    let not_confirmed = |text: &str, num_rays: u64, shelf| {
+        let scene = differentiated(text, &names);
+        let options = zoo::options(num_rays, 5, Precision::F64);
+        let (how, adjoints) = (How { with_edges: true, ..How::default() }, some_adjoints(&scene));
+        let found = scene.loss_gradient(zoo::gpu(), &options, how, &adjoints, |_| true).unwrap();
+        let apart = scene.not_confirmed(zoo::gpu(), &options, shelf, &adjoints, &found, |_| true).unwrap();
+        apart.into_iter().map(|(number, _)| names[number]).collect::<Vec<_>>()
+    };
+    for num_rays in [100, 5_000, 50_000] {
+        assert_eq!(not_confirmed(BENCH, num_rays, None), Vec::<&str>::new(), "{num_rays} rays");
+    }
+    for shelf in [None, Some(&shelf)] {
+        assert_eq!(not_confirmed(&wide, 50_000, shelf), ["L1.front_aperture_radius"]);
+    }
+}
+
 /// A larger lens lets more of a wide beam through: the interior sees nothing of that, and a difference sees it. So it is refused,
 /// unless the difference is asked for. Of light that stays clear of edges, both see the same.
 #[test]
