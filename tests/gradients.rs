@@ -1178,6 +1178,35 @@ fn coefficients_of_aspheres_have_derivatives() {
     }
 }
 
+/// A short difference of two traces confirms the gradient of a loss of light that stays clear of edges, and of no other.
+#[test]
+fn a_short_difference_confirms_what_stays_clear_of_edges() {
+    let wide = BENCH.replace("\"aperture_radius\": 8.0", "\"aperture_radius\": 20.0");
+    assert_ne!(wide, BENCH);
+    let names = ["glass.n", "L1.r1", "beam.total_flux", "lamp.z", "L1.front_aperture_radius"];
+    let shelf = nsq_gpu::trace::Shelf::new();
+    let not_confirmed = |text: &str, num_rays: u64, shelf, is_flux: bool| {
+        let scene = differentiated(text, &names);
+        let options = zoo::options(num_rays, 5, Precision::F64);
+        let flux = || scene.adjoint_lengths().map(|num| vec![1.0; num]).collect();
+        let adjoints = if is_flux { flux() } else { some_adjoints(&scene) };
+        let how = How { with_edges: true, ..How::default() };
+        let found = scene.loss_gradient(zoo::gpu(), &options, how, &adjoints, |_| true).unwrap();
+        let apart = scene.not_confirmed(zoo::gpu(), &options, shelf, &adjoints, &found, |_| true).unwrap();
+        apart.into_iter().map(|(number, _)| names[number]).collect::<Vec<_>>()
+    };
+    for num_rays in [100, 5_000, 50_000] {
+        assert_eq!(not_confirmed(BENCH, num_rays, None, false), Vec::<&str>::new(), "{num_rays} rays");
+    }
+    for shelf in [None, Some(&shelf)] {
+        let found = not_confirmed(&wide, 50_000, shelf, true);
+        assert!(
+            found.contains(&"L1.front_aperture_radius") && !found.contains(&"beam.total_flux"),
+            "{found:?}"
+        );
+    }
+}
+
 /// A larger lens lets more of a wide beam through: the interior sees nothing of that, and a difference sees it. So it is refused,
 /// unless the difference is asked for. Of light that stays clear of edges, both see the same.
 #[test]
@@ -1191,7 +1220,7 @@ fn what_crosses_edges_is_told_on_request() {
         found.swap_remove(0)
     };
     let clear = of(BENCH, "glass.n");
-    let edges = clear.with_edges.unwrap();
+    let edges = clear.with_edges.as_ref().unwrap();
     let sigma = clear.standard_error.unwrap().hypot(edges.standard_error.unwrap());
     assert!((clear.flux - edges.flux).abs() <= 4.5 * sigma, "{clear:?}");
     assert!(clear.flux.abs() > 5.0 * sigma, "{clear:?}");
@@ -1199,7 +1228,7 @@ fn what_crosses_edges_is_told_on_request() {
     assert_ne!(wide, BENCH);
     let name = "L1.front_aperture_radius";
     let rim = of(&wide, name);
-    let edges = rim.with_edges.unwrap();
+    let edges = rim.with_edges.as_ref().unwrap();
     assert_eq!(rim.flux, 0.0);
     assert!(edges.flux > 5.0 * edges.standard_error.unwrap(), "{rim:?}");
     let asked = |text: &str| {

@@ -258,7 +258,7 @@ def test_what_acts_at_edges_alone_is_refused_backward(torch_in_f64: None) -> Non
 
 def edge_warnings(stop: float | None, num_rays: int = 20_000, **options: Any) -> list[str]:
     """Return what is said of edges where a loss is differentiated by the radius of a lens, with a stop behind it or without."""
-    scene = one_lens(leaf(60.0))
+    scene = one_lens(leaf(30.0))
     if stop is not None:
         scene.add_component("stop", AbsorbingComponent(
             CoordinateSystem(z=32.0), AnnularPlaneGeometry(stop, torch.tensor(20.0, dtype=torch.float64)), VACUUM))
@@ -274,12 +274,12 @@ def test_light_that_crosses_edges_is_told_once_by_backward(torch_in_f64: None, m
     from nsq_gpu.session import shared_session
 
     monkeypatch.setattr(shared_session(live.binary(), None), "checked_shapes", set())
-    assert edge_warnings(2.0, check_edges=False) == []
-    (said,) = edge_warnings(2.0)
+    assert edge_warnings(1.5, check_edges=False) == []
+    (said,) = edge_warnings(1.5)
     assert "L.r1" in said and "edges=True" in said and "check_edges=False" in said
     # The same shape is not asked again; light by another path is.
-    assert edge_warnings(2.0) == []
-    assert len(edge_warnings(2.0, where="reflections == 0")) == 1
+    assert edge_warnings(1.5) == []
+    assert len(edge_warnings(1.5, where="reflections == 0")) == 1
 
 
 def test_what_stays_clear_of_edges_is_not_warned_of(torch_in_f64: None, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,6 +18,8 @@ pub(super) const MOST_EDGE_RAYS: u64 = 10_000;
 const ALIKE: f64 = 0.01;
 /// Standard errors by which chance hardly ever parts two derivatives.
 const SIGMAS: f64 = 3.0;
+/// Rays of a check whether light crosses edges, at most.
+pub(super) const MOST_CHECK_RAYS: u64 = 1 << 15;
 /// How often a face reflects while two traces are compared: seldom, as glass does, and as often in both.
 const HELD_REFLECT_PROB: f64 = 0.1;
 
@@ -51,6 +53,17 @@ impl Ends {
         let ([more, less], distance) = scaled.ends;
         let [more, less] = [more, less].map(|end| without_chance(&scaled.parameter.stencil[end].1));
         Ends { more, less, distance }
+    }
+
+    /// Three times as far apart where there is more and less, so that more light crosses edges.
+    fn wide(scaled: &Scaled) -> Self {
+        match scaled.is_central() {
+            true => {
+                let [less, more] = scaled.farthest().map(without_chance);
+                Ends { more, less, distance: 3.0 * scaled.ends.1 }
+            }
+            false => Ends::of(scaled),
+        }
     }
 
     /// The two scenes side by side.
@@ -94,7 +107,8 @@ pub(super) fn add(
     Ok(())
 }
 
-/// The derivatives of a loss by differences of two traces. `keep_going` is as that of [`add`].
+/// The derivatives of a loss by differences of two traces; where they are a check, of scenes farther apart. `keep_going` is as
+/// that of [`add`].
 ///
 /// # Errors
 /// As [`add`].
@@ -104,10 +118,11 @@ pub(super) fn of_loss(
     options: &TraceOptions,
     shelf: Option<&Shelf>,
     adjoints: &[Vec<f64>],
+    is_check: bool,
     mut keep_going: impl FnMut(u64) -> bool,
 ) -> Result<Vec<LossWithEdges>> {
     let of_parameter = |(number, scaled): (u64, &Scaled)| {
-        let ends = Ends::of(scaled);
+        let ends = if is_check { Ends::wide(scaled) } else { Ends::of(scaled) };
         let done_before = 2 * number * options.num_rays;
         let keep_going = |done: [u64; 2]| keep_going(done_before + done.iter().sum::<u64>());
         let found = ends.pair(shelf)?.loss_difference(gpu, options, adjoints, keep_going)?;

@@ -91,11 +91,16 @@ impl Scaled {
         Ok(Scaled { parameter: Parameter { name: name.to_owned(), stencil }, size, ends })
     }
 
-    /// The two scenes of the stencil that lie farthest apart.
+    /// The two scenes of the stencil that lie farthest apart; of more and less, less comes first.
     pub(super) fn farthest(&self) -> [&SceneIr; 2] {
         let stencil = &self.parameter.stencil;
         let last = stencil.len() - 1;
-        [last, if stencil.len() == CENTRAL.len() { last - 1 } else { 0 }].map(|end| &stencil[end].1)
+        [last, if self.is_central() { last - 1 } else { 0 }].map(|end| &stencil[end].1)
+    }
+
+    /// True if the stencil has more of the parameter and less.
+    pub(super) fn is_central(&self) -> bool {
+        self.parameter.stencil.len() == CENTRAL.len()
     }
 }
 

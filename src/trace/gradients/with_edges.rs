@@ -5,7 +5,7 @@ use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::result::Gradient;
 use crate::trace::Shelf;
-use crate::trace::gradients::edges::{self, LossWithEdges, MOST_EDGE_RAYS};
+use crate::trace::gradients::edges::{self, LossWithEdges, MOST_CHECK_RAYS};
 use crate::trace::gradients::scaled::Scaled;
 use crate::trace::gradients::{Differentiated, LossGradient};
 
@@ -14,7 +14,7 @@ impl Differentiated {
     /// `keep_going` gets the rays done of both traces for all parameters.
     ///
     /// # Errors
-    /// [`Error::Interrupted`] if a trace was ended. [`Error::Device`] if the device fails.
+    /// [`crate::Error::Interrupted`] if a trace was ended. [`crate::Error::Device`] if the device fails.
     pub fn add_edges(
         &self,
         gpu: &Gpu,
@@ -40,7 +40,8 @@ impl Differentiated {
         keep_going: impl FnMut(u64) -> bool,
     ) -> Result<Vec<LossWithEdges>> {
         self.check_adjoints(adjoints)?;
-        edges::of_loss(&self.parameters, gpu, &self.edge_options(options, shelf), shelf, adjoints, keep_going)
+        let options = self.edge_options(options, shelf);
+        edges::of_loss(&self.parameters, gpu, &options, shelf, adjoints, false, keep_going)
     }
 
     /// Derivatives of a loss that a short difference of two traces does not confirm, by the numbers of their parameters: light
@@ -57,9 +58,10 @@ impl Differentiated {
         found: &LossGradient,
         keep_going: impl FnMut(u64) -> bool,
     ) -> Result<Vec<(usize, LossWithEdges)>> {
-        let num_rays = options.num_rays.min(MOST_EDGE_RAYS);
-        let few = TraceOptions { num_rays, of_rays: Some(options.budget()), ..options.clone() };
-        let with_edges = self.loss_with_edges(gpu, &few, shelf, adjoints, keep_going)?;
+        let num_rays = options.num_rays.min(MOST_CHECK_RAYS);
+        let few =
+            TraceOptions { num_rays, of_rays: Some(options.budget()), ..self.edge_options(options, shelf) };
+        let with_edges = edges::of_loss(&self.parameters, gpu, &few, shelf, adjoints, true, keep_going)?;
         let least = self.least(options.precision, adjoints);
         let all = with_edges.into_iter().zip(&found.values).zip(&self.parameters).enumerate();
         let is_apart = |(number, ((edges, value), scaled)): (usize, ((LossWithEdges, &f64), &Scaled))| {
