@@ -860,9 +860,11 @@ fn shader_prints_what_a_trace_compiles_and_where_it_comes_from() {
             if let Some(path) = origin.strip_prefix("shaders/") {
                 let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders").join(path);
                 // Where rays on wrong sides are looked for, other functions stand in the place of these.
-                let text = text
-                    .replace("fn pass_boundary(", "fn leave_boundary(")
-                    .replace("fn settle_end(", "fn settle(");
+                let names = [("leave_boundary", "pass_boundary"), ("settle", "settle_end")];
+                let on_paths = [("begin_ray", "begin_on_path"), ("end_path", "end_on_path")];
+                let text = names.iter().chain(&on_paths).fold(text.to_string(), |text, (own, other)| {
+                    text.replace(&format!("fn {other}("), &format!("fn {own}("))
+                });
                 assert_eq!(text, format!("{}\n", std::fs::read_to_string(file).unwrap()), "{path}");
                 num_files += 1;
             } else {

@@ -384,7 +384,8 @@ fn a_mesh_in_other_units_is_scaled_as_if_it_were_written_so() {
     let whole = mesh(&rod_mesh(0.001, Some(1000.0))).lower().unwrap();
     assert!(lines(&whole).contains("mesh rod: 60 x 10 x 10 mm (x 0 to 60,"), "{}", lines(&whole));
     for scale in [0.0, -1.0, 1e10] {
-        let surface = json!({"name": "rod", "shape": rod_mesh(1.0, Some(scale)), "cs": {}, "interaction": "absorbing"});
+        let surface =
+            json!({"name": "rod", "shape": rod_mesh(1.0, Some(scale)), "cs": {}, "interaction": "absorbing"});
         let error = Scene::from_json(&with_surface(surface)).unwrap_err().to_string();
         assert!(error.contains("nsq_gpu.surfaces[0].shape.scale"), "{error}");
     }

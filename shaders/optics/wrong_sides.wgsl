@@ -6,11 +6,20 @@
 // turned inside out, or a solid before it is open. A ray that ends in a medium in which it was not born has left a
 // solid by no face. An absorber may bound a solid, and other fates may come anywhere, so that these ends tell nothing.
 
+// True where a ray may still be rejected, and then is traced anew (software/path/wrong_sides.wgsl). There it is not
+// counted, and noted in `went_wrong`.
+var<private> is_provisional: bool = false;
+var<private> went_wrong: bool = false;
+
 fn leave_boundary(ray: ptr<function, Ray>, surface: Surface, entering_back: bool, reflects: bool) {
     let near = select(surface.back, surface.front, entering_back);
     let far = select(surface.front, surface.back, entering_back);
     if !reflects & ((*ray).medium == far) & (near != far) {
-        count(COUNTER_ENTERED_TWICE + (*ray).last);
+        if is_provisional {
+            went_wrong = true;
+        } else {
+            count(COUNTER_ENTERED_TWICE + (*ray).last);
+        }
     }
     pass_boundary(ray, surface, entering_back, reflects);
 }

@@ -92,6 +92,10 @@ impl SoftwareExtension {
 }
 
 impl Extension for SoftwareExtension {
+    fn rejects_wrong_sides(&self) -> Option<ShaderFile> {
+        self.main_path.is_some().then_some(shader!("software/path/wrong_sides.wgsl"))
+    }
+
     fn replaces(&self, slot: &str) -> Option<ShaderFile> {
         match slot {
             "stages/ids" => self.main_path.as_ref().map(|_| shader!("stages/ids.listed.wgsl")),

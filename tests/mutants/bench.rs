@@ -148,7 +148,12 @@ impl Bench {
 
 /// A file as it stands where rays on wrong sides are looked for: other functions have the names of some of its own.
 fn with_sides(text: &str) -> String {
-    text.replace("fn leave_boundary(", "fn pass_boundary(").replace("fn settle(", "fn settle_end(")
+    let names =
+        [("leave_boundary", "pass_boundary"), ("settle", "settle_end"), ("begin_ray", "begin_on_path")];
+    let names = names.into_iter().chain([("end_path", "end_on_path")]);
+    names.fold(text.to_string(), |text, (own, other)| {
+        text.replace(&format!("fn {own}("), &format!("fn {other}("))
+    })
 }
 
 /// The folder of the project.

@@ -30,11 +30,20 @@ fn collect(folder: &Path, shaders: &Path, files: &mut Vec<(String, String)>) {
     }
 }
 
+/// A file as it stands where rays on wrong sides are looked for: other functions have the names of some of its own.
+pub fn with_sides(text: &str) -> String {
+    let names =
+        [("leave_boundary", "pass_boundary"), ("settle", "settle_end"), ("begin_ray", "begin_on_path")];
+    let names = names.into_iter().chain([("end_path", "end_on_path")]);
+    names.fold(text.to_string(), |text, (own, other)| {
+        text.replace(&format!("fn {own}("), &format!("fn {other}("))
+    })
+}
+
 fn abridged(wgsl: &str) -> String {
     let abridge = |text: String, (path, file): (String, String)| {
         let named = format!("// ==== shaders/{path}\n{file}\n");
-        // Where other functions stand in the place of some of the file's, these have other names.
-        let renamed = named.replace("fn leave_boundary(", "fn pass_boundary(").replace("fn settle(", "fn settle_end(");
+        let renamed = with_sides(&named);
         let text = text.replace(&named, &format!("// <- shaders/{path}\n"));
         text.replace(&renamed, &format!("// <- shaders/{path}, renamed\n"))
     };

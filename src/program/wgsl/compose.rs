@@ -34,7 +34,7 @@ impl Composition<'_> {
         extension.add(self, &mut text)?;
         text.composed("program::wgsl::bins", &self.bins(extension));
         text.composed("program::wgsl::dispatch", &self.dispatch()?);
-        self.look_for_wrong_sides(&mut text);
+        self.look_for_wrong_sides(extension, &mut text);
         self.follow_paths(&mut text);
         self.tell_derivatives(&mut text)?;
         text.composed("program::layout::numbers", &self.numbers.declaration());

@@ -30,6 +30,11 @@ pub trait Extension: Debug + Any + Send + Sync {
         Ok(())
     }
 
+    /// The file that rejects rays on wrong sides, for stages that may reject rays (program::wgsl::wrong_sides).
+    fn rejects_wrong_sides(&self) -> Option<ShaderFile> {
+        None
+    }
+
     /// True if deposits on detectors in passing are logged, and not added up by the device.
     fn logs_passes(&self) -> bool {
         false

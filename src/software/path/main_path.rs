@@ -160,28 +160,31 @@ fn parted(
     (candidates, passed)
 }
 
-/// Whether rays of a path may take the inside of a solid for its outside, which is counted at once, or end inside, which
-/// the log does not tell (shaders/optics/wrong_sides.wgsl). So they may where a pilot does not tell how they cross.
+/// Whether all rays of a path take the inside of a solid for its outside, or end inside: its stage would reject them
+/// (shaders/software/path/wrong_sides.wgsl). Where a pilot does not tell how they cross, the stage looks at each.
 fn is_on_wrong_side(ir: &SceneIr, events: &[MainPathEvent], escapes: bool) -> bool {
     let goes_wrong = |born: MediumId| {
-        let mut medium = born;
+        let mut medium = Some(born);
         for event in events {
             let Some(surface) = ir.surfaces.get(event.primitive).filter(|surface| is_boundary(surface))
             else {
                 continue;
             };
-            let Some(Crossing { entering_back, reflected }) = event.crossing else { return true };
+            let Some(Crossing { entering_back, reflected }) = event.crossing else {
+                medium = None;
+                continue;
+            };
             let [near, far] = match entering_back {
                 true => [surface.front, surface.back],
                 false => [surface.back, surface.front],
             };
-            if !reflected && medium == far {
+            if !reflected && medium == Some(far) {
                 return true;
             }
-            medium = if reflected { near } else { far };
+            medium = Some(if reflected { near } else { far });
         }
         let on_detector = events.last().is_some_and(|last| last.ends && last.primitive >= ir.surfaces.len());
-        (escapes || on_detector) && medium != SceneIr::VACUUM && medium != born
+        (escapes || on_detector) && medium.is_some_and(|medium| ![SceneIr::VACUUM, born].contains(&medium))
     };
     has_boundaries(ir) && ir.sources.iter().any(|source| goes_wrong(source.medium))
 }
