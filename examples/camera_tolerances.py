@@ -62,7 +62,9 @@ def main():
         sizes = {name: size * units[name][unit] for name, (size, unit) in tolerances.items()}
 
         def traced(numbers):
-            return figures(session.sweep(scene, numbers, int(args.rays), zip=True, maps=True))
+            # Rare light that faces reflect would be noise in the blur.
+            found = session.sweep(scene, numbers, int(args.rays), zip=True, maps=True, where="reflections == 0")
+            return figures(found)
 
         first = next(iter(nominal))
         as_is = traced({first: [nominal[first]]})
