@@ -73,7 +73,8 @@ def main():
         rows = []
         for name, size in sizes.items():
             found = traced({name: [nominal[name] - size, nominal[name] + size]})
-            grows = [1e3 * (found[where][0] - as_is[where][0]).max() for where in ("image", "corner")]
+            # No sign before a zero.
+            grows = [round(1e3 * (found[where][0] - as_is[where][0]).max(), 2) + 0.0 for where in ("image", "corner")]
             moves = 1e3 * np.linalg.norm(found["image"][1] - as_is["image"][1], axis=1).max()
             rows.append((name, *grows, moves))
         print(f"{'name':<18}{'tolerance':>14}{'axis [um]':>12}{'corner [um]':>13}{'moves [um]':>12}")
