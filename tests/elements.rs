@@ -24,6 +24,13 @@ fn with(scene: &Value, numbers: &[(&str, f64)]) -> Result<SceneIr, String> {
     scene.lower().map_err(|error| error.to_string())
 }
 
+/// The text of a file as JSON has it, in which no bare word is infinite.
+fn finite(text: &str) -> String {
+    text.replace("-Infinity", "-1e999")
+        .replace(": Infinity", ": \"Infinity\"")
+        .replace("-1e999", "\"-Infinity\"")
+}
+
 fn number(scene: &Value, name: &str) -> f64 {
     Scene::numbers(&scene.to_string(), &[name.to_string()]).unwrap()[0]
 }
@@ -94,11 +101,11 @@ fn a_name_of_an_element_gives_the_scene_written_by_hand() {
     let mut num_compared = [0, 0];
     for name in zoo::scenes() {
         let text = std::fs::read_to_string(zoo::repository(&format!("scenes/{name}.json"))).unwrap();
-        let scene: Value = serde_json::from_str(&text).unwrap();
+        let scene: Value = serde_json::from_str(&finite(&text)).unwrap();
         let names = entries(&scene);
         // Of large scenes the first entries stand for all.
-        let pairs = names.windows(2).map(<[_]>::to_vec);
-        for names in names.iter().map(|name| vec![name.clone()]).chain(pairs).take(24) {
+        let alone = names.iter().take(12).map(|name| vec![name.clone()]);
+        for names in alone.chain(names.windows(2).take(12).map(<[_]>::to_vec)) {
             let scene = listed(&scene, json!([{"name": "an element", "faces": names}]));
             let first = cs(&scene, &names[0]);
             if names.len() > 1 && first[3..] != [0.0; 3] {

@@ -158,9 +158,10 @@ def test_a_gap_has_a_derivative(session: Session) -> None:
         ends = session.sweep(scene, {name: values}, 20_000, maps=True).maps["image"]
         slope = (ends[1] - ends[0]) / (2.0 * step)
         ours = found[name, "image"]
-        # Vignetted light crosses edges; pixels in which it does not tell.
-        apart = np.abs(ours.map - slope)
-        assert np.median(apart) < 0.02 * np.abs(slope).max(), name
+        # Light that the mounts clip crosses edges, which a difference sees alone.
+        ours, theirs = ours.map.ravel(), slope.ravel()
+        assert np.corrcoef(ours, theirs)[0, 1] > 0.95, name
+        assert 0.9 < ours @ theirs / (theirs @ theirs) < 1.1, name
 
 
 class Drawn(BaseSampler):

@@ -1,10 +1,10 @@
-//! Elements: what moves as one. `L4.y` decentres all faces of L4 with its edge and its mount, and `gap_3` moves whatever stands
-//! behind the third element.
+//! Elements: what moves as one. `L4.y` decentres all faces of L4 with its edge and its mount, and `gap_3` moves whatever
+//! stands behind the third element.
 //!
-//! A block `nsq_gpu` lists elements. The frame of one is that of its first face, at the pivot where one is stated. A number of it
-//! is set by moving all of its entries rigidly: from the frame as the file has it to the frame with that number. A name that moves
-//! no angle adds to positions, which keeps every digit of a frame that is not moved. A turned entry stands in the
-//! element's new frame (`reference_cs`), as people would write it.
+//! A block `nsq_gpu` lists elements. The frame of one is that of its first face, at the pivot where one is stated. A number
+//! of it is set by moving all of its entries rigidly: from the frame as the file has it to the frame with that number.
+//! A name that moves no angle adds to positions, which keeps every digit of a frame that is not moved. A turned entry
+//! stands in the element's new frame (`reference_cs`), as people would write it.
 
 use crate::error::{Error, Result};
 use crate::model::checks::{position, refuse};
@@ -144,12 +144,15 @@ impl Elements {
         let mut outermost: HashMap<&str, Vec<Step>> = HashMap::new();
         for (element, before, after) in &motions.elements {
             let element = &self.0[*element];
-            let reference = value_at(tree, outer(tree, &mut outermost, &element.faces[0])?)
-                .and_then(Value::object)
-                .and_then(|frame| frame.get("reference_cs").cloned());
+            let first = outer(tree, &mut outermost, &element.faces[0])?;
+            let reference = at(tree, first).and_then(|frame| frame.get("reference_cs").cloned());
+            // What the element stands in may have been set meanwhile.
+            let outside = cs_at(tree, first)?.reference_cs;
+            let [before, after] = [before, after]
+                .map(|frame| CoordinateSystem { reference_cs: outside.clone(), ..frame.clone() });
             for name in element.entries() {
                 let way = outer(tree, &mut outermost, name)?;
-                move_by(tree, way, (before, after), reference.as_ref())?;
+                move_by(tree, way, (&before, &after), reference.as_ref())?;
             }
         }
         let mut shifts: HashMap<&str, DVec3> = HashMap::new();
@@ -337,8 +340,8 @@ fn thickness(tree: &Value, way: &[Step]) -> Result<f64> {
     })
 }
 
-/// Moves the frame at the end of a way as an element moves: from a frame to another, both within `reference`. The way is led on
-/// to the frame that the moved one has come to stand in.
+/// Moves the frame at the end of a way as an element moves: from a frame to another, both within `reference`. The way is
+/// led on to the frame that the moved one has come to stand in.
 fn move_by(
     tree: &mut Value,
     way: &mut Vec<Step>,

@@ -179,8 +179,8 @@ pub struct Element {
     /// What moves along, such as an edge and a mount.
     #[serde(default)]
     pub parts: Vec<String>,
-    /// What stands behind the element and before the next one, such as a stop or a detector; `gap_1` is the space behind the first
-    /// element that has this list. Null: no gap.
+    /// What stands behind the element and before the next one, such as a stop or a detector; `gap_1` is the space behind
+    /// the first element that has this list. Null: no gap.
     #[serde(default)]
     pub behind: Option<Vec<String>>,
     /// Where the element turns about, in the frame of the first face \[mm\]; its vertex if null.
