@@ -252,7 +252,7 @@ fn derivatives_of_elements_are_those_of_differences() {
         ("E2.ry", 1e-2),
         ("all.x", 0.02),
         ("all.rx", 2e-3),
-        ("barrel.rx", 1e-2),
+        ("barrel.rx", 5e-3),
         ("gap_1", 0.1),
         ("gap_2", 0.1),
     ];
