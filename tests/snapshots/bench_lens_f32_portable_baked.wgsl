@@ -62,9 +62,9 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 // <- shaders/stages/state.wgsl
 // <- shaders/stages/counts.wgsl
 // <- shaders/stages/generate.wgsl
-// <- shaders/stages/interact.wgsl
+// <- shaders/stages/interact.wgsl, renamed
 // <- shaders/stages/splat.wgsl
-// <- shaders/stages/trace.wgsl
+// <- shaders/stages/trace.wgsl, renamed
 // <- shaders/geometry/transforms.wgsl
 // <- shaders/geometry/quadric.wgsl
 // <- shaders/shapes/plane.wgsl
@@ -247,4 +247,9 @@ fn record(ray: Ray, detector: Detector, index: u32, ends: bool) {
 fn emit(key: RayKey, e: Source) -> LocalRay {
     return emit_collimated_tophat(key, e);
 }
+
+// <- shaders/optics/wrong_sides.wgsl
+// ==== composed by program::wgsl::wrong_sides
+const COUNTER_ENTERED_TWICE: u32 = 4115u;
+const COUNTER_ENDED_INSIDE: u32 = 4118u;
 

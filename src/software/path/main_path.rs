@@ -5,8 +5,7 @@
 //! with the same room for roundings. Of the others, those that nearly all rays of a pilot pass clear are not searched: it
 //! is only seen that a ray is clear of them (crate::software::path::clearance).
 
-use crate::model::surface_optics::{has_boundaries, is_boundary};
-use crate::model::{Frame, Interaction, MediumId, SceneIr, Shape, Source, Surface};
+use crate::model::{Frame, Interaction, SceneIr, Shape, Source, Surface};
 use crate::program::geometry::contact::Contacts;
 use crate::program::geometry::tree;
 use crate::program::{Cells, Features, ProgramOptions, SecondMoments};
@@ -125,10 +124,7 @@ impl MainPath {
             let ends = is_last && !is_full;
             MainPathEvent { primitive, ends, candidates, at_nearer_crossing, passed, crossing }
         });
-        let events: Vec<MainPathEvent> = events.collect();
-        if is_on_wrong_side(ir, &events, *escapes) {
-            return None;
-        }
+        let events = events.collect();
         pilot.step = legs.len();
         let missed = escapes.then(|| {
             let here = boxes.get(last).copied().flatten();
@@ -158,35 +154,6 @@ fn parted(
         }
     }
     (candidates, passed)
-}
-
-/// Whether all rays of a path take the inside of a solid for its outside, or end inside: its stage would reject them
-/// (shaders/software/path/wrong_sides.wgsl). Where a pilot does not tell how they cross, the stage looks at each.
-fn is_on_wrong_side(ir: &SceneIr, events: &[MainPathEvent], escapes: bool) -> bool {
-    let goes_wrong = |born: MediumId| {
-        let mut medium = Some(born);
-        for event in events {
-            let Some(surface) = ir.surfaces.get(event.primitive).filter(|surface| is_boundary(surface))
-            else {
-                continue;
-            };
-            let Some(Crossing { entering_back, reflected }) = event.crossing else {
-                medium = None;
-                continue;
-            };
-            let [near, far] = match entering_back {
-                true => [surface.front, surface.back],
-                false => [surface.back, surface.front],
-            };
-            if !reflected && medium == Some(far) {
-                return true;
-            }
-            medium = Some(if reflected { near } else { far });
-        }
-        let on_detector = events.last().is_some_and(|last| last.ends && last.primitive >= ir.surfaces.len());
-        (escapes || on_detector) && medium.is_some_and(|medium| ![SceneIr::VACUUM, born].contains(&medium))
-    };
-    has_boundaries(ir) && ir.sources.iter().any(|source| goes_wrong(source.medium))
 }
 
 /// How nearly all rays of a pilot cross a refracting surface at the end of the stretch that is looked at.
