@@ -58,10 +58,10 @@ fn by_hand(scene: &Value, names: &[String], key: usize, value: f64) -> Value {
     for name in names {
         let own = cs(scene, name);
         let frame = &mut entry(&mut moved, name)["cs"];
-        if key < 3 {
-            frame[FRAME[key]] = json!(own[key] + (value - first[key]));
-        } else if own == first {
+        if own == first {
             frame[FRAME[key]] = json!(value);
+        } else if key < 3 {
+            frame[FRAME[key]] = json!(own[key] + (value - first[key]));
         } else {
             // Within the frame of the first face, which is not turned where the file has it.
             for i in 0..3 {
@@ -131,6 +131,15 @@ fn a_name_of_an_element_gives_the_scene_written_by_hand() {
         }
     }
     assert!(num_compared[0] > 700 && num_compared[1] > 500, "{num_compared:?}");
+}
+
+/// A small number that is far from the file's number keeps its digits.
+#[test]
+fn a_number_of_an_element_is_what_was_set_to_the_bit() {
+    let mut scene = plates();
+    entry(&mut scene, "A")["cs"]["x"] = json!(1000);
+    let there = with(&scene, &[("L1.x", 0.1)]).unwrap();
+    assert_eq!(frame(&there, "A").origin.x, 0.1);
 }
 
 /// Three plates of one surface each, a stop between, and a screen.
@@ -273,6 +282,24 @@ fn a_gap_moves_what_follows() {
     assert_eq!(places, [31.0, 8.0, 1.0]);
 }
 
+/// A group of what gaps move needs no list; nor do elements before the first gap, and members of a group that has one.
+#[test]
+fn an_element_without_a_gap_is_a_group_or_stands_before() {
+    let change = |changes: &[(&str, Value)]| {
+        let mut scene = plates();
+        for (pointer, value) in changes {
+            *scene.pointer_mut(pointer).unwrap() = value.clone();
+        }
+        with(&scene, &[("gap_1", 30.0)])
+    };
+    // The group holds a stop, which a gap moves, too.
+    assert!(change(&[("/nsq_gpu/elements/3/parts/0", json!("stop"))]).is_ok());
+    assert!(change(&[("/nsq_gpu/elements/0/behind", json!(null))]).is_ok());
+    let members =
+        [("/nsq_gpu/elements/0/faces", json!(["A", "B", "C"])), ("/nsq_gpu/elements/1/behind", json!(null))];
+    assert!(change(&members).is_ok());
+}
+
 /// Copies of a frame are one, and have one number.
 #[test]
 fn a_frame_moves_by_its_name() {
@@ -295,10 +322,10 @@ fn a_wrong_name_is_answered_with_what_would_be_right() {
         ("barel.y", "did you mean `barrel`?"),
         (
             "L1.radius",
-            "has no `radius`; known here: `x`, `y`, `z`, `rx`, `ry`, `rz`; its faces, which have numbers of their own, are `A`, `B`",
+            "`L1` is an element and has no number `radius`; known here: `x`, `y`, `z`, `rx`, `ry`, `rz`; its faces, which have numbers of their own, are `A`, `B`",
         ),
         ("L1.xx", "did you mean `x`?"),
-        ("barrel.radius", "\"barrel\" moves as one, and has no `radius`; known here: `x`"),
+        ("barrel.radius", "`barrel` is a frame and has no number `radius`; known here: `x`"),
         ("gap_4", "there is no such gap; the scene has gap_1 to gap_3"),
         ("gap_0", "gap_1 to gap_3"),
         ("gap_", "gap_1 to gap_3"),
@@ -334,6 +361,11 @@ fn a_list_that_makes_no_sense_is_refused_with_its_place() {
         ("/nsq_gpu/elements/3/parts/0", json!("d"), "nsq_gpu.elements[3].parts[0]"),
         ("/nsq_gpu/elements/1/name", json!("L1"), "nsq_gpu.elements[1].name: the name \"L1\" is taken"),
         ("/nsq_gpu/elements/1/faces", json!([]), "nsq_gpu.elements[1].faces: the list is empty"),
+        (
+            "/nsq_gpu/elements/1/behind",
+            json!(null),
+            "nsq_gpu.elements[1].behind: the element \"L2\" has no such list, so no gap moves \"C\"",
+        ),
         ("/nsq_gpu/elements/3/pivot", json!([1, 2]), "nsq_gpu.elements[3].pivot"),
         ("/nsq_gpu/elements/3/pivot/0", json!(1e300), "nsq_gpu.elements[3].pivot[0]"),
         ("/nsq_gpu/elements/1/faces", json!(7), "nsq_gpu.elements[1].faces"),
@@ -375,10 +407,16 @@ fn the_command_takes_elements_with_units() {
     for (name, size) in [("L1.y", 0.05), ("L1.rx", 0.1_f64.to_radians()), ("gap_3", 0.02)] {
         assert!(drawn(name) != 0.0 && drawn(name).abs() <= size, "{name}: {}", drawn(name));
     }
+    let found = json(&["sweep", "--set", "L1.y=-50:50um:3"]);
+    let raised = |number: usize| found["points"][number]["set"]["L1.y"].as_f64().unwrap();
+    assert_eq!([raised(0), raised(1), raised(2)], [-0.05, 0.0, 0.05]);
     assert!(json(&["diff", "--set", "gap_3=2.1cm"])["detectors"]["image"].is_object());
     for (arguments, said) in [
         (["sweep", path, "--set", "L1.rx=1mm"], "has no unit `mm`"),
+        (["sweep", path, "--set", "L1.y=-50um:50:3"], "`-50um` has a unit, and the last number has none"),
+        (["sweep", path, "--set", "L1.y=1:2:3um"], "`3um` is no number"),
         (["sweep", path, "--tolerance", "L1.y=1deg"], "has no unit `deg`"),
+        (["sweep", path, "--tolerance", "L1.y=1mm%"], "`1mm` is no number"),
         (["sweep", path, "--tolerance", "L9.y=1"], "did you mean `L1`?"),
         (["diff", path, "--set", "gap_9=1"], "the scene has gap_1 to gap_3"),
     ] {

@@ -286,8 +286,8 @@ fn a_map_of_six_hits_promises_nothing() {
     assert_eq!(few.rests_on, 6);
     assert_relative_eq!(few.upper_bound_95, 23.6848 / 2.0 * 2e-3, max_relative = 1e-4);
     let warnings = &result.diagnostics.warnings;
-    let expected = "detector 'sky' rests on 6 rays: all that is known is that its flux is below 0.024 W, with 95 % confidence; more \
-                    rays are needed, and nothing tells yet how many";
+    let expected = "the flux of detector 'sky' rests on 6 rays. It is below 0.024 W, with 95 % confidence. Trace more rays; how many \
+                    cannot be said yet";
     assert!(warnings.contains(&expected.to_string()), "{warnings:?}");
     assert!(result.diagnostics.grave.contains(&expected.to_string()));
     assert!(!warnings.iter().any(|warning| warning.contains("undersampled")), "{warnings:?}");

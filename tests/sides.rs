@@ -10,7 +10,7 @@ mod zoo;
 
 use command::{command, run, stderr};
 use nsq_gpu::model::SceneIr;
-use nsq_gpu::model::sides::{WrongSides, wrong_sides};
+use nsq_gpu::model::sides::{MOST_WORK, WrongSides};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{RunInfo, Tally};
 use nsq_gpu::scene::notes;
@@ -21,6 +21,7 @@ use serde_json::{Value, json};
 use zoo::forced::Asked;
 
 const GLASS: &str = "glass";
+const WATER: &str = "water";
 
 fn glass() -> Value {
     json!({"type": "medium", "name": GLASS})
@@ -41,7 +42,8 @@ fn scene(surfaces: &[Value]) -> SceneIr {
                      "spectrum": {"wavelengths": [0.55], "weights": [1]}}],
         "detectors": [{"type": "irradiance", "name": "far", "cs": {"z": 60}, "width": 200, "height": 200,
                        "num_pixels_x": 4, "num_pixels_y": 4}],
-        "nsq_gpu": {"version": 1, "media": {GLASS: {"type": "constant", "n": 1.5}}, "surfaces": surfaces},
+        "nsq_gpu": {"version": 1, "media": {GLASS: {"type": "constant", "n": 1.5}, WATER: {"type": "constant", "n": 1.33}},
+                    "surfaces": surfaces},
     });
     Scene::from_json(&text.to_string()).unwrap().lower().unwrap()
 }
@@ -139,6 +141,10 @@ fn lens_behind() -> Vec<Value> {
     plate("L", 32.0, &json!({"type": "conic", "radius": 90, "aperture_radius": 8}))
 }
 
+fn wrong_sides(ir: &SceneIr) -> WrongSides {
+    nsq_gpu::model::sides::wrong_sides(ir, MOST_WORK)
+}
+
 /// Every solid, with the faces that bound it.
 fn solids() -> Vec<(Vec<Value>, Vec<usize>)> {
     let plates = first_faces().into_iter().map(|first| (plate("X", 0.0, &first), vec![0, 1]));
@@ -172,6 +178,24 @@ fn every_shape_inside_out_is_found_and_named_alone_and_in_a_lens() {
             );
         }
     }
+}
+
+/// Where no face borders on vacuum, the medium of the sources lies about the scene.
+#[test]
+fn a_lens_under_water_is_no_open_solid() {
+    let water = json!({"type": "medium", "name": WATER});
+    let mut surfaces = plate("X", 0.0, &json!({"type": "conic", "radius": 40, "aperture_radius": 8}));
+    surfaces[0]["material_front"] = water.clone();
+    surfaces[1]["material_back"] = water;
+    let mut ir = scene(&surfaces);
+    ir.sources[0].medium = ir.surfaces[0].front;
+    assert_eq!(wrong_sides(&ir), WrongSides::default());
+    for faces in [vec![0], vec![1], vec![0, 1]] {
+        let expected = WrongSides { turned: vec![faces.clone()], ..WrongSides::default() };
+        assert_eq!(wrong_sides(&turned(&ir, &faces)), expected);
+    }
+    // All sources of the light guide stand in its acrylic, and vacuum lies about it.
+    assert!(wrong_sides(&zoo::load("light_pipe")).turned.is_empty());
 }
 
 /// What a trace warns of.
@@ -220,6 +244,20 @@ fn a_light_guide_with_one_wall_turned_is_not_dark_in_silence() {
     let said = warnings(&wrong, &dark);
     assert!(said.iter().any(|warning| warning.contains("already was: `wall_1` (")), "{said:?}");
     assert!(said.iter().any(|warning| warning.starts_with("`wall_1` is turned inside out")), "{said:?}");
+}
+
+#[test]
+fn a_result_looks_at_less_of_a_large_scene_than_check_does() {
+    let square = json!({"type": "plane", "width": 16, "height": 16});
+    let faces = |i: i32| plate(&format!("P{i}"), f64::from(10 * i + 2), &square).into_iter().take(2);
+    let plates = (0..40).flat_map(faces);
+    let ir = turned(&scene(&plates.collect::<Vec<_>>()), &[0]);
+    let tally = zoo::trace(&ir, &zoo::options(1000, 5, Precision::F32));
+    for (notes, is_whole) in [(warnings(&ir, &tally), false), (notes::of(&ir), true)] {
+        let is_named = notes.iter().any(|note| note.starts_with("`P0.face_1` is turned inside out"));
+        let has_unseen = notes.iter().any(|note| note.contains("were not looked at"));
+        assert!(is_named && has_unseen != is_whole, "{notes:?}");
+    }
 }
 
 /// What is counted is a sum over rays alone: it depends neither on how they are dealt out, nor on who follows them.

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import wraps
 from typing import Any
@@ -54,6 +54,12 @@ def check_scene(value: object, *, or_path: bool = False) -> None:
     if isinstance(value, str | os.PathLike):
         raise UsageError(f"scene is the path {os.fspath(value)!r}; read it: nsq_gpu.load_scene({os.fspath(value)!r})")
     raise wrong_kind("scene", value, "give a scene, an NSQScene" + (", or the path of its file" if or_path else ""))
+
+
+def check_mapping(name: str, value: object, example: str) -> None:
+    """Refuse what is no mapping by name."""
+    if not isinstance(value, Mapping):
+        raise wrong_kind(name, value, f"give a dictionary, such as {example}")
 
 
 class of_an_instance:  # noqa: N801
@@ -110,7 +116,7 @@ def of_names(error: NsqGpuError, scene: str, names: Iterable[str]) -> NsqGpuErro
         if f"`{name}` names no number" in said:
             known = [f"{_quoted(entry)}.{name}" for entry, keys in _numbers(scene).items() if name in keys]
             return UnknownNameError(f"{said}; numbers of this name: {_listed(known)}" if known else said)
-        if f"`{name}`: nothing in the scene is called" in said:
+        if f"`{name}`: nothing in the scene is called" in said or f"has no number `{key}`" in said:
             return UnknownNameError(said)
     return error
 

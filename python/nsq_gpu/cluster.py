@@ -461,7 +461,7 @@ def _distributed() -> Any:
 
 
 def _decide(program: str, text: str, folder: Path, options: Mapping[str, Any], timeout: float | None) -> dict[str, str]:
-    """Return what all workers are told alike: the precision, and whether arithmetic is strict, as a trace of these options has it."""
+    """Return what all workers are given alike: the precision, and whether arithmetic is strict, as a trace of these options has it."""
     scene = folder / "scene.json"
     scene.write_text(text, encoding="utf-8")
     few = {**options, "num_rays": min(options["num_rays"], _PILOT_RAYS), "target_error": None, "time_limit": None}

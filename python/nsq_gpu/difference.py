@@ -36,7 +36,7 @@ class FluxDifference:
     difference: float
     #: Standard error of the difference; NaN where it is not known.
     standard_error: float
-    #: What is known of a difference that fewer than ten rays make; None else. The bound is that of its size.
+    #: What is known of a difference that fewer than ten rays make; None else. The bound is one of its size.
     few_rays: FewRays | None = field(default=None, kw_only=True)
 
 

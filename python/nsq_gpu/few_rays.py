@@ -11,7 +11,7 @@ from typing import Any
 class FewRays:
     """What is known of a flux that rests on fewer than ten rays.
 
-    So few rays tell no standard error: the next one may bring a hundred times as much. Of a difference or a derivative,
+    So few rays give no standard error: the next one may bring a hundred times as much. Of a difference or a derivative,
     the rays are those that make it.
     """
 
@@ -21,8 +21,12 @@ class FewRays:
     upper_bound_95: float
 
     def __str__(self) -> str:
-        rays = {0: "no ray", 1: "1 ray"}.get(self.rests_on, f"{self.rests_on} rays")
-        return f"rests on {rays}, at most {self.upper_bound_95:.2g} W"
+        return f"{rests_on(self.rests_on)}, at most {self.upper_bound_95:.2g} W"
+
+
+def rests_on(rays: int) -> str:
+    """Return ``rests on 3 rays``."""
+    return "rests on " + {0: "no ray", 1: "1 ray"}.get(rays, f"{rays} rays")
 
 
 def few_rays(entry: Mapping[str, Any]) -> FewRays | None:

@@ -16,6 +16,7 @@ from nsq_gpu.binary import find_binary
 from nsq_gpu.edges import check_options
 from nsq_gpu.errors import ResultWarning, UsageError, warn
 from nsq_gpu.export import export, to_json
+from nsq_gpu.few_rays import rests_on
 from nsq_gpu.process import ProgressCallback, Shown, Update
 from nsq_gpu.session import EXPORTED, Answer, numbers_of_rays, shared_session
 from nsq_gpu.results import warn_of
@@ -70,7 +71,7 @@ class Jacobian:
 
 
 def _remark(found: Derivative) -> str:
-    return "" if found.rests_on is None else f"  rests on {found.rests_on} rays"
+    return "" if found.rests_on is None else f"  {rests_on(found.rests_on)}"
 
 
 def jacobian(scene: NSQScene | str | os.PathLike[str], parameters: str | Sequence[str], num_rays: int, *,
@@ -91,7 +92,7 @@ def jacobian(scene: NSQScene | str | os.PathLike[str], parameters: str | Sequenc
         num_rays: Rays to launch.
         where: Keeps on detectors the light whose path matches: ``"reflections == 2"``.
         edges: True finds each derivative by a difference of two traces by the same draws, edges included. That takes two
-            more traces for each parameter. ``interior`` of each derivative is then that of the interior.
+            more traces for each parameter. ``interior`` of each derivative then has it without edges.
         progress: True shows a bar; a function gets the rays done, the rays in all, and the rays per second.
         seed: Seed of the draws.
         max_depth: Largest number of events of a ray.
@@ -220,15 +221,15 @@ def of_answer(answer: Answer, partial: bool = False, edges: bool = False) -> Jac
             warn(f"{row['detector']} by {row['parameter']}: derivatives of {row['num_lost']} deposits were no numbers, or "
                  "too large: they are missing", ResultWarning)
         name = f"{row['detector']}/{row['parameter']}"
-        rests_on = answer.report["detectors"][row["detector"]].get("rests_on")
+        few = answer.report["detectors"][row["detector"]].get("rests_on")
         found = Derivative(row["flux"], _known(row["standard_error"]), arrays.get(name), arrays.get(f"{name}/standard_error"),
-                           rests_on)
+                           few)
         if edges and (with_edges := row.get("with_edges")) is None:
             continue
         if edges:
             name += "/with_edges"
             found = Derivative(with_edges["flux"], _known(with_edges["standard_error"]), arrays.get(name),
-                               arrays.get(f"{name}/standard_error"), rests_on, found)
+                               arrays.get(f"{name}/standard_error"), with_edges.get("rests_on", few), found)
         derivatives[row["parameter"], row["detector"]] = found
     maps = {name: answer.arrays(name)[MAPS[entry["kind"]]]
             for name, entry in answer.report["detectors"].items() if entry["kind"] in MAPS}

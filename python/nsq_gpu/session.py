@@ -19,7 +19,7 @@ import numpy as np
 from optiland.nonsequential import NSQScene
 from optiland.nonsequential.tracer import SimulationResult
 
-from nsq_gpu.arguments import of_names
+from nsq_gpu.arguments import check_mapping, of_names
 from nsq_gpu.binary import find_binary
 from nsq_gpu.errors import Interrupted, NsqGpuError, SceneError, TraceTimeoutError, UsageError, error_of, with_partial
 from nsq_gpu.export import export, to_json
@@ -200,6 +200,7 @@ class Session:
             NsqGpuError: One of its subclasses, by what went wrong; ``partial`` is the sweep of the points before it.
             Interrupted: Ctrl-C ended the sweep; ``partial`` is the sweep of the points that are done.
         """
+        check_mapping("numbers", numbers, '{"L1.r1": [50, 55]}')
         text = to_json(export(scene).document, indent=None)
         timeout = seconds(timeout)
         deadline = None if timeout is None else time.monotonic() + timeout
@@ -221,7 +222,7 @@ class Session:
 
         return run(trace_all, numbers, zip, common_draws, maps)
 
-    def numbers(self, scene: NSQScene | str | Json, names: Sequence[str]) -> dict[str, float]:
+    def numbers(self, scene: NSQScene | str | Json, names: str | Sequence[str]) -> dict[str, float]:
         """Return numbers of a scene by their names: where an element stands, how wide a gap is.
 
         >>> session.numbers(scene, ["L4.y", "gap_3"])
@@ -229,13 +230,14 @@ class Session:
 
         Args:
             scene: The live scene, or a scene file's text.
-            names: Names, as in :meth:`sweep`.
+            names: Names, or one name, as in :meth:`sweep`.
 
         Raises:
             UsageError: A name of nothing.
         """
         text = to_json(export(scene).document, indent=None) if isinstance(scene, NSQScene) else scene
-        header = {"request": "numbers", "scene": text, "names": list(names)}
+        names = [names] if isinstance(names, str) else list(names)
+        header = {"request": "numbers", "scene": text, "names": names}
         values = self._ask(header, None, None)[0]["values"]
         # JSON has no infinite number: the radius of a flat face.
         return {name: float("inf") if value is None else value for name, value in zip(names, values, strict=True)}
@@ -281,6 +283,7 @@ class Session:
         Raises:
             NsqGpuError: One of its subclasses, by what went wrong.
         """
+        check_mapping("adjoints", adjoints, '{"image": array}')
         arrays = {detector: _npy(array) for detector, array in adjoints.items()}
         sizes = [{"detector": detector, "bytes": len(array)} for detector, array in arrays.items()]
         header = self._header(scene, options, name, folder) | {"gradient": list(parameters), "adjoints": sizes}

@@ -52,10 +52,10 @@ def by_hand(document: Any, element: Any, key: str, value: float) -> Any:
     first = surfaces(document)[element["faces"][0]]["cs"]
     for name in (*element["faces"], *element["parts"]):
         own = surfaces(moved)[name]["cs"]
-        if key in "xyz":
-            own[key] += value - first[key]
-        elif all(own[axis] == first[axis] for axis in FRAME):
+        if all(own[axis] == first[axis] for axis in FRAME):
             own[key] = value
+        elif key in "xyz":
+            own[key] += value - first[key]
         else:
             own |= {axis: own[axis] - first[axis] for axis in "xyz"}
             own["reference_cs"] = {**first, key: value}
@@ -110,6 +110,12 @@ def test_gaps_are_the_thicknesses_of_the_prescription_and_move_what_follows(name
         assert traced(session, document, {gap: size + 0.25}) == traced(session, moved), gap
     with pytest.raises(nsq_gpu.UsageError, match=rf"no such gap; the scene has gap_1{'' if len(elements) == 1 else ' to'}"):
         session.numbers(document, [f"gap_{len(elements) + 1}"])
+
+
+def test_a_number_that_no_element_has_is_a_wrong_name(session: Session) -> None:
+    scene = nsq_gpu.from_optic(LENSES["triplet"]())
+    with pytest.raises(nsq_gpu.UnknownNameError, match="`L1` is an element and has no number `radius`"):
+        session.sweep(scene, {"L1.radius": [1.0]}, 100)
 
 
 def test_elements_outlast_a_file_and_name_no_more_than_the_scene_has() -> None:

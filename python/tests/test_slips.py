@@ -155,3 +155,16 @@ def test_a_library_that_is_missing_is_named_with_the_command_that_installs_it(mo
         assert isinstance(found, ImportError)
         assert f"{library} is not installed" in str(found)
         assert str(found).endswith(f"pip install 'nsq-gpu[{extra}]'")
+
+
+def test_lists_in_the_place_of_dictionaries_are_refused_by_name() -> None:
+    with nsq_gpu.Session() as session:
+        found = answer(lambda: session.sweep(singlet(), ["L1.r1"], 100))  # type: ignore[arg-type]
+        assert str(found) == 'numbers is a list; give a dictionary, such as {"L1.r1": [50, 55]}'
+    found = answer(lambda: nsq_gpu.loss_gradient(singlet(), ["L1.r1"], np.ones((4, 4)), 100))  # type: ignore[arg-type]
+    assert str(found) == 'adjoints is a ndarray; give a dictionary, such as {"image": array}'
+
+
+def test_one_name_will_do_for_numbers() -> None:
+    with nsq_gpu.Session() as session:
+        assert session.numbers(singlet(), "L1.r1") == session.numbers(singlet(), ["L1.r1"])

@@ -153,7 +153,10 @@ impl Growth {
 
     fn curves(&self) -> Curves {
         let both = [SHALLOW, DEEP];
-        let names = both.map(|depth| format!("at most {depth} events"));
+        let names = both
+            .map(|depth| format!("at most {depth} events"))
+            .into_iter()
+            .chain(["as many as x says".into()]);
         let by = |points: &[Point], x: fn(&Point) -> f64| {
             let curve = |depth| points.iter().map(|p| (x(p), p.seconds_per_ray(depth))).collect::<Vec<_>>();
             both.map(curve).to_vec()
@@ -169,10 +172,10 @@ impl Growth {
             title: "How the cost grows".into(),
             numbers: format!("mirrors in random places, {}, {}", self.adapter, self.precision.name()),
             x: Quantity { name: "number".into(), unit: "" },
-            series: names.to_vec(),
+            series: names.collect(),
             panels: vec![
                 panel("mirrors", by(&self.mirrors, |point| f64::from(point.num_mirrors))),
-                panel("allowed events", vec![of_depths.to_vec()]),
+                panel("most events", vec![Vec::new(), Vec::new(), of_depths.to_vec()]),
                 panel("rays", by(&self.rays, |point| point.num_rays as f64)),
             ],
         }

@@ -358,8 +358,8 @@ pub(crate) fn missed_target(result: &TraceResult) -> Option<String> {
                 .any(|detector| detector.few_rays.is_some_and(|few| few.rests_on > 0)) =>
         {
             Some(format!(
-                "the relative error is {}, above the target of {}; a detector's flux rests on fewer than 10 rays, from which \
-                 nothing tells how many it takes",
+                "the relative error is {}, above the target of {}. The flux of a detector rests on fewer than 10 rays. So few \
+                 rays do not say how many are needed",
                 percent(error),
                 percent(target),
             ))

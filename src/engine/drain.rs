@@ -6,6 +6,7 @@ use crate::engine::intake::Intake;
 use crate::engine::strategy::Strategy;
 use crate::engine::undrained::{Undrained, empty_tally};
 use crate::error::{Error, Result};
+use crate::program::SecondMoments;
 use crate::program::layout::tables::ReachedMarks;
 use crate::result::Tally;
 
@@ -98,7 +99,8 @@ impl Engine<'_> {
         let advice = [
             (has_splitting, format!("a split_depth below {depth} or a split_budget below {budget}")),
             (has_gaussian, "a smaller splat_sigma".to_string()),
-            (true, format!("a max_depth below {}, --standard-error off", program.options.max_depth)),
+            (true, format!("a max_depth below {}", program.options.max_depth.min(1 << 16))),
+            (program.options.moments != SecondMoments::None, "--standard-error off".to_string()),
         ];
         let advice: Vec<String> =
             advice.into_iter().filter(|(helps, _)| *helps).map(|(_, text)| text).collect();

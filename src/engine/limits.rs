@@ -99,8 +99,8 @@ pub(crate) fn counts_per_ray(program: &Program) -> u64 {
 }
 
 /// Most events of one launched ray, its end included, before the host asks how many rays live on
-/// ([`crate::engine::rounds`]). A row of the table of paths may count all events of a ray that detectors let pass, and
-/// the table is not read within a range.
+/// ([`crate::engine::rounds`]). The table of paths is not read within a range. Where detectors let rays pass, one row of
+/// the table may count every event of a ray.
 pub(crate) fn counts_unasked(program: &Program) -> u64 {
     let counts_passes = program.path_table.is_some() && program.features.transmissive;
     match unasked(num_rounds(program)).end == num_rounds(program) || counts_passes {

@@ -35,7 +35,7 @@ impl Engine<'_> {
         let Some(mut left) = rounds_left(&self.device, &self.plan.program, way) else { return Ok(()) };
         let mut num_queued = other.unwrap_or(&self.device).num_queued()?;
         while let Some((numbers, counts)) = next_rounds(&mut left, &self.plan.program, num_queued) {
-            if self.undrained.go_on(counts, self.most_counts) {
+            if self.undrained.go_on(counts, self.most_counts, other.is_some()) {
                 self.spill(other)?;
             }
             let start = Instant::now();

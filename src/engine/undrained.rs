@@ -13,8 +13,8 @@ pub(crate) struct Undrained {
     pub(super) rays: RaySet,
     /// An upper bound of every counter.
     pub(crate) counts: u64,
-    /// As many of these were spilled.
-    spilled: u64,
+    /// As many of these were spilled by the engine's device, and by the other one.
+    spilled: [u64; 2],
     num_passes: u64,
     /// The primitives that rays have reached, a bit each, as far as the devices were asked.
     pub(crate) reached: u32,
@@ -29,12 +29,14 @@ impl Undrained {
         self.counts += count * counts_unasked(&plan.program);
     }
 
-    /// Adds rounds in which counters may count so much. True if the sums must be spilled first, for counters to stay
-    /// below `most`. The ranges of the present pass may not be added yet: what they count fits beside `most` into 32 bits.
-    pub(crate) fn go_on(&mut self, counts: u64, most: u64) -> bool {
-        let must_spill = self.counts - self.spilled + counts > most;
+    /// Adds rounds of a device in which its counters may count so much. True if the device must spill its sums first, for
+    /// counters to stay below `most`. Ranges of the present pass may not be added yet: they count at most 2^29, and 2^31 +
+    /// 2^29 < 2^32.
+    pub(crate) fn go_on(&mut self, counts: u64, most: u64, is_other: bool) -> bool {
+        let spilled = &mut self.spilled[usize::from(is_other)];
+        let must_spill = self.counts - *spilled + counts > most;
         if must_spill {
-            self.spilled = self.counts;
+            *spilled = self.counts;
         }
         self.counts += counts;
         must_spill

@@ -60,8 +60,7 @@ pub(crate) fn trace<'a>(
     Ok(tally)
 }
 
-/// Traces from one position to another into the devices' sums, and returns the time taken. The time in which few
-/// rays were left does not count.
+/// Traces from one position to another into the devices' sums, and returns the time taken.
 fn trace_pass(engine: &mut Engine, strategy: &mut dyn Strategy, first: u64, end: u64) -> Result<Duration> {
     let start = Instant::now();
     engine.idle_time = Duration::ZERO;
@@ -80,7 +79,7 @@ fn trace_pass(engine: &mut Engine, strategy: &mut dyn Strategy, first: u64, end:
         engine.check_loops(strategy)?;
         engine.check_paths()?;
     }
-    Ok(start.elapsed().saturating_sub(engine.idle_time))
+    Ok(start.elapsed())
 }
 
 /// How far a trace has come, after a pass.

@@ -1,8 +1,9 @@
 //! Whether the faces of solids agree on what is inside, found by a few rays of the host's own.
 //!
 //! From points of each boundary between media a ray goes out on either side. The medium where the ray starts must be the
-//! one on this side of the next boundary, or vacuum where nothing is met. Each such way is a link between two sides. A
-//! face that is turned inside out disagrees along most of its links, and agrees once it is turned back.
+//! one on this side of the next boundary, or the one about the scene where nothing is met. Each such way is a link
+//! between two sides. A face that is turned inside out disagrees along most of its links, and agrees once it is turned
+//! back.
 
 use crate::model::primitives::primitives;
 use crate::model::surface_optics::is_boundary;
@@ -34,8 +35,8 @@ pub struct Disagreement {
     pub to: Option<(usize, MediumId)>,
 }
 
-/// Rays that are sent out, at most, times the surfaces or facets that each is compared with.
-const MOST_WORK: usize = 1 << 25;
+/// Cost of a search by `check` at most: rays, times the surfaces or facets that each is compared with.
+pub const MOST_WORK: usize = 1 << 25;
 /// Facets of a mesh from which rays are sent out.
 const MOST_FACETS: usize = 24;
 /// Groups of faces that are turned at most.
@@ -43,7 +44,7 @@ const MOST_TURNED: usize = 64;
 /// A turned face leaves at most one in so many of its disagreements.
 const LEAST_GAIN: usize = 4;
 
-/// Rays of a side that may go wrong before it is told: a quarter of them, and at least so many.
+/// Rays of a side that may go wrong before the side is named: a quarter of them, and at least so many.
 const MOST_SLIPS: usize = 2;
 
 /// One side of a boundary: its surface, and whether the side is the front.
@@ -60,40 +61,40 @@ struct Link {
     to: Option<Side>,
 }
 
-/// Looks at the sides of all boundaries.
-pub fn wrong_sides(ir: &SceneIr) -> WrongSides {
-    let (links, num_unseen) = links(ir);
+/// Looks at the sides of boundaries. `most_work` limits the search, as [`MOST_WORK`] does for `check`.
+pub fn wrong_sides(ir: &SceneIr, most_work: usize) -> WrongSides {
+    let (links, num_unseen) = links(ir, most_work);
+    let ambient = ambient(ir);
     let mut is_turned = vec![false; ir.surfaces.len()];
-    let agrees = |link: &Link, is_turned: &[bool]| {
-        medium(ir, link.from, is_turned)
-            == link.to.map_or(SceneIr::VACUUM, |side| medium(ir, side, is_turned))
+    let agrees = |link: &Link, is_turned: &dyn Fn(usize) -> bool| {
+        let there = |side: Side| medium(ir, side, is_turned(side.surface));
+        there(link.from) == link.to.map_or(ambient, there)
     };
     let mut found = WrongSides { num_unseen, ..WrongSides::default() };
-    let is_in_order = links.iter().all(|link| agrees(link, &is_turned));
+    let is_in_order = links.iter().all(|link| agrees(link, &|_| false));
     if is_in_order {
         return found;
     }
     let mut touching = vec![Vec::new(); ir.surfaces.len()];
     for (number, link) in links.iter().enumerate() {
-        let surfaces = [Some(link.from), link.to].map(|side| side.map(|side| side.surface));
         touching[link.from.surface].push(number);
-        surfaces[1]
-            .filter(|to| *to != link.from.surface)
-            .into_iter()
-            .for_each(|to| touching[to].push(number));
+        if let Some(to) = link.to.filter(|to| to.surface != link.from.surface) {
+            touching[to.surface].push(number);
+        }
     }
-    let candidates = candidates(ir, &links, |link| agrees(link, &is_turned));
+    let mut candidates = candidates(ir, &links, |link| agrees(link, &|_| false));
+    candidates.retain(|group| group.iter().any(|&i| !touching[i].is_empty()));
     for _ in 0..MOST_TURNED {
         let gain = |group: &&Vec<usize>| {
             let mut numbers: Vec<usize> = group.iter().flat_map(|&i| touching[i].iter().copied()).collect();
             numbers.sort_unstable();
             numbers.dedup();
-            let mut flipped = is_turned.clone();
-            group.iter().for_each(|&i| flipped[i] = !flipped[i]);
-            let wrong = |is_turned: &[bool]| {
+            let wrong = |is_turned: &dyn Fn(usize) -> bool| {
                 numbers.iter().filter(|&&number| !agrees(&links[number], is_turned)).count()
             };
-            let (before, after) = (wrong(&is_turned), wrong(&flipped));
+            // A group has its surfaces in ascending order.
+            let flipped = |i: usize| is_turned[i] != group.binary_search(&i).is_ok();
+            let (before, after) = (wrong(&|i: usize| is_turned[i]), wrong(&flipped));
             if LEAST_GAIN * after <= before { before - after } else { 0 }
         };
         // Of groups that gain alike, the smallest.
@@ -108,25 +109,35 @@ pub fn wrong_sides(ir: &SceneIr) -> WrongSides {
         by_side.entry((link.from.surface, link.from.is_front)).or_default().push(link);
     }
     for links in by_side.into_values() {
-        let wrong = links.iter().filter(|link| !agrees(link, &is_turned));
+        let wrong = links.iter().filter(|link| !agrees(link, &|i: usize| is_turned[i]));
         // A ray or two may slip out at a rim.
         if wrong.clone().count() >= MOST_SLIPS.max(links.len().div_ceil(4)) {
             found.disagreements.extend(wrong.take(1).map(|link| Disagreement {
                 from: link.from.surface,
-                medium: medium(ir, link.from, &is_turned),
-                to: link.to.map(|side| (side.surface, medium(ir, side, &is_turned))),
+                medium: medium(ir, link.from, is_turned[link.from.surface]),
+                to: link.to.map(|side| (side.surface, medium(ir, side, is_turned[side.surface]))),
             }));
         }
     }
     found
 }
 
-fn medium(ir: &SceneIr, side: Side, is_turned: &[bool]) -> MediumId {
-    let surface = &ir.surfaces[side.surface];
-    if side.is_front != is_turned[side.surface] { surface.front } else { surface.back }
+/// The medium about the scene: vacuum, or the medium of all sources if no boundary borders on vacuum. Sources in one
+/// solid, as in a light guide, say nothing of what lies about it.
+fn ambient(ir: &SceneIr) -> MediumId {
+    let medium = ir.sources.first().map_or(SceneIr::VACUUM, |source| source.medium);
+    let mut boundaries = ir.surfaces.iter().filter(|surface| is_boundary(surface));
+    let is_immersed = ir.sources.iter().all(|source| source.medium == medium)
+        && boundaries.all(|surface| ![surface.front, surface.back].contains(&SceneIr::VACUUM));
+    if is_immersed { medium } else { SceneIr::VACUUM }
 }
 
-/// Each boundary that has links, and each set of boundaries that agree with each other along links.
+fn medium(ir: &SceneIr, side: Side, is_turned: bool) -> MediumId {
+    let surface = &ir.surfaces[side.surface];
+    if side.is_front != is_turned { surface.front } else { surface.back }
+}
+
+/// Each boundary, and each set of boundaries that agree with each other along links.
 fn candidates(ir: &SceneIr, links: &[Link], agrees: impl Fn(&Link) -> bool) -> Vec<Vec<usize>> {
     let mut parents: Vec<usize> = (0..ir.surfaces.len()).collect();
     fn root(parents: &mut [usize], mut of: usize) -> usize {
@@ -160,11 +171,11 @@ struct Start {
 }
 
 /// The links of the boundaries, and the number of boundaries that were left out.
-fn links(ir: &SceneIr) -> (Vec<Link>, usize) {
+fn links(ir: &SceneIr, most_work: usize) -> (Vec<Link>, usize) {
     let primitives = primitives(ir);
     let work_per_ray: usize = primitives.iter().map(|(_, shape)| num_facets(ir, shape)).sum::<usize>().max(1);
     let size = primitives.iter().map(|(frame, _)| frame.origin.abs().max_element()).fold(1.0, f64::max);
-    let mut rays_left = MOST_WORK / work_per_ray;
+    let mut rays_left = most_work / work_per_ray;
     let (mut links, mut num_unseen) = (Vec::new(), 0);
     for (i, surface) in ir.surfaces.iter().enumerate().filter(|(_, surface)| is_boundary(surface)) {
         num_unseen += usize::from(rays_left == 0);

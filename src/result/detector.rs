@@ -40,7 +40,7 @@ impl Detector {
             name: detector.name.clone(),
             absorb: detector.absorb,
             total_flux: kept_flux.unwrap_or_else(|| sums.unit.watts(quanta)),
-            few_rays: sums.uncertainty.few_rays(sums.cells).filter(|_| kept_flux.is_none()),
+            few_rays: sums.uncertainty.few_rays(sums.cells, detector.absorb).filter(|_| kept_flux.is_none()),
             title: None,
             total_flux_standard_error: if kept_flux.is_some() { None } else { of_total() },
             num_rays_hit,

@@ -65,12 +65,12 @@ fn undersampled(
     ))
 }
 
-/// Says of a flux that it rests on few rays, and what can be said of it all the same.
-fn few_rays(detector: &Detector) -> Option<String> {
-    let few = detector.few_rays.filter(|few| few.rests_on > 0)?;
+/// Says of a flux that it rests on few rays, and what can be said of it all the same. A dark detector has a warning of its
+/// own, unless a filter may keep it dark.
+fn few_rays(detector: &Detector, is_filtered: bool) -> Option<String> {
+    let few = detector.few_rays.filter(|few| few.rests_on > 0 || is_filtered)?;
     Some(format!(
-        "detector '{}' {}: all that is known is that its flux is below {} W, with 95 % confidence; more rays are needed, and \
-         nothing tells yet how many",
+        "the flux of detector '{}' {}. It is below {} W, with 95 % confidence. Trace more rays; how many cannot be said yet",
         shown(&detector.name),
         few.text(),
         significant(few.upper_bound_95, 2),
@@ -132,7 +132,12 @@ impl Diagnostics {
             .chain(self.cut_off(ir, result))
             .chain(unlit(result).filter(|_| result.run.filter.is_none()))
             .chain(maps)
-            .chain(result.detectors.iter().filter_map(few_rays))
+            .chain(
+                result
+                    .detectors
+                    .iter()
+                    .filter_map(|detector| few_rays(detector, result.run.filter.is_some())),
+            )
             .collect();
         warnings.extend(unfinished.iter().cloned());
         warnings.extend(self.roulette());
@@ -144,6 +149,8 @@ impl Diagnostics {
         warnings.extend(self.wrong_sides.iter().flat_map(|found| found.warnings.iter().cloned()));
         warnings.extend(self.saturated());
         grave.extend(unfinished);
+        let turned = self.wrong_sides.iter().filter(|found| found.has_turned);
+        grave.extend(turned.flat_map(|found| found.warnings.iter().cloned()));
         (self.warnings, self.grave) = (warnings, grave);
     }
 
@@ -163,11 +170,15 @@ impl Diagnostics {
             ),
         };
         let max_depth = result.run.max_depth;
+        let deeper = depth::deeper(ir, max_depth);
+        let cure = if deeper > max_depth {
+            format!("give --max-depth {deeper}, in Python NsqGpuBackend(max_depth={deeper})")
+        } else {
+            "no depth is larger, and roulette alone ends light that nothing absorbs; give a larger --rr-start-flux".into()
+        };
+        let fraction = percent(fraction);
         Some(format!(
-            "{} of the launched flux ended at the depth limit of {max_depth} events: {dark}; give --max-depth {deeper}, in \
-             Python NsqGpuBackend(max_depth={deeper})",
-            percent(fraction),
-            deeper = depth::deeper(ir, max_depth),
+            "{fraction} of the launched flux ended at the depth limit of {max_depth} events: {dark}; {cure}"
         ))
     }
 

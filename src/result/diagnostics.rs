@@ -33,6 +33,9 @@ pub struct WrongSides {
     pub ended_inside: BTreeMap<String, u64>,
     /// The sentences on them, which stand among all warnings as well.
     pub warnings: Vec<String>,
+    /// True if some face is known to be turned.
+    #[serde(skip)]
+    pub(crate) has_turned: bool,
 }
 
 /// Optiland's `Diagnostics`, field by field, and the warnings that follow.

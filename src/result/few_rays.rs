@@ -10,7 +10,8 @@
 //! **The bound.** Rays that bring a flux come by a Poisson law. A flux F, of rays that each bring w at most, has the upper limit
 //! U = w/2 chi2(0.95; 2 (F/w + 1)) (Garwood, Biometrika 28, 1936), which a trace in twenty exceeds at most. w is what a new ray
 //! carries on average, since coatings, media and scattering only take from that. Where sampling made rays heavier than that,
-//! what they may carry is not known. Then w is the mean weight of those that were seen, each counted by what it brought.
+//! what they may carry is not known. Then w is the mean weight of those that were seen, each counted by what it brought. No
+//! bound of light that a detector absorbs is above what the sources launch.
 
 use crate::format::{significant, thousands};
 use crate::result::{FluxUnit, QUANTA_PER_WEIGHT};
@@ -22,8 +23,7 @@ pub const ENOUGH_RAYS: u64 = 10;
 /// The share of traces whose bound is right.
 const CONFIDENCE: f64 = 0.95;
 /// What tables say below themselves where some row has a bound.
-pub const FOOTNOTE: &str =
-    "≤: fewer than 10 rays tell no standard error; the true value is below this, with 95 % confidence\n";
+pub const FOOTNOTE: &str = "≤: fewer than 10 rays give no standard error; the true value, or its size, is below this, with 95 % confidence\n";
 
 /// What is known of a flux that rests on fewer than ten rays.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -81,11 +81,21 @@ impl Brought {
 
 impl FewRays {
     /// What is known of a difference of two scenes \[W\], in which so many rays differ; a ray of each is born with `births`
-    /// \[W\]. The bound is that of the size of the difference.
+    /// \[W\]. The bound is one of the size of the difference.
     pub(crate) fn of_difference(rests_on: Option<u64>, difference: f64, births: [f64; 2]) -> Option<Self> {
         let rests_on = rests_on.filter(|rays| *rays < ENOUGH_RAYS)?;
         let largest = births[0].max(births[1]).max(difference.abs() / rests_on.max(1) as f64);
         Some(FewRays { rests_on, upper_bound_95: upper_bound(rests_on as f64 * largest, largest) })
+    }
+
+    /// What is known of the flux times a factor.
+    pub(crate) fn scaled(self, factor: f64) -> Self {
+        FewRays { upper_bound_95: self.upper_bound_95 * factor, ..self }
+    }
+
+    /// With a bound of at most this \[W\]: no light is more than what the sources launch.
+    pub(crate) fn at_most(self, launched: f64) -> Self {
+        FewRays { upper_bound_95: self.upper_bound_95.min(launched), ..self }
     }
 
     /// `rests on 3 rays`.
@@ -119,7 +129,7 @@ pub(crate) fn upper_bound(weight: f64, largest: f64) -> f64 {
     if largest > 0.0 { largest * half_chi_squared(weight / largest + 1.0) } else { 0.0 }
 }
 
-/// Half the quantile of chi squared with twice so many degrees of freedom: that of the gamma distribution of this shape.
+/// Half the quantile of chi squared with twice so many degrees of freedom, which is the gamma distribution's of this shape.
 fn half_chi_squared(shape: f64) -> f64 {
     // Beyond ten standard deviations, and for any shape above 1.
     let (mut low, mut high) = (0.0, shape + 10.0 * shape.sqrt());
@@ -167,7 +177,7 @@ mod tests {
         assert!(!rays(&[1.0; 10]).is_of_few() && rays(&[1.0; 9]).is_of_few());
     }
 
-    /// One ray of a ghost that carried little says nothing of one that carries all: the bound is that of the largest.
+    /// One ray of a ghost that carried little says nothing of one that carries all: the bound allows for the largest.
     #[test]
     fn a_single_faint_ray_leaves_room_for_a_bright_one() {
         let unit = FluxUnit::new(1.0, 1_000_000);

@@ -1,7 +1,7 @@
 //! Derivatives of what detectors recorded, by parameters.
 
 use crate::format::{score, shown, significant};
-use crate::result::{Detector, few_rays};
+use crate::result::{Detector, FewRays, few_rays};
 use ndarray::ArrayD;
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
@@ -35,16 +35,19 @@ pub struct Gradient {
 /// A derivative by a difference of two traces, which sees what moves across edges, too.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct WithEdges {
-    /// Of the detector's flux, as that of the interior.
+    /// Derivative of the detector's flux, as in [`Gradient`].
     pub flux: f64,
     /// Its standard error; none from too few rays.
     pub standard_error: Option<f64>,
-    /// Of the detector's map, as that of the interior.
+    /// Derivative of the detector's map, as in [`Gradient`].
     #[serde(skip)]
     pub map: Option<ArrayD<f64>>,
     /// Standard errors of `map`.
     #[serde(skip)]
     pub map_errors: Option<ArrayD<f64>>,
+    /// What is known of a derivative that rests on few rays. The bound is one of its size.
+    #[serde(flatten)]
+    pub few_rays: Option<FewRays>,
 }
 
 /// What a table of derivatives lacks, unless a difference of two traces stands beside them.
@@ -76,11 +79,11 @@ pub fn table(gradients: &[Gradient], found: &[Detector], launched: f64) -> Strin
         let (parameter, detector) = (shown(&row.parameter), shown(&row.detector));
         let flux = significant(row.flux, 5);
         let _ = write!(text, "{parameter:<parameters$}{detector:<detectors$}{flux:>15}{error:>11}{score:>9}");
-        if let Some(WithEdges { flux, standard_error, .. }) = &row.with_edges {
-            let error = standard_error.map_or("-".into(), |error| significant(error, 2));
+        if let Some(WithEdges { flux, standard_error, few_rays, .. }) = &row.with_edges {
+            let error = few_rays::error_or_bound(*few_rays, *standard_error);
             let _ = write!(text, "{:>15}{error:>11}", significant(*flux, 5));
         }
-        text += &few_rays::remark(few);
+        text += &few_rays::remark(row.with_edges.as_ref().map_or(few, |edges| edges.few_rays.or(few)));
         if row.num_lost > 0 {
             let _ = write!(
                 text,

@@ -173,6 +173,8 @@ pub fn groups<'a>(
             && PathFilter::parse(text, ir)
                 .is_ok_and(|filter| sums.rows.keys().all(|row| filter.keeps(row) == is_member(row)))
     };
+    let launched_flux = unit.watts(tally.launched.quanta);
+    let absorbs = |end: End| end.detector().is_none_or(|number| ir.detectors[number].absorb);
     let mut rows: Vec<(u128, Group)> = groups
         .into_iter()
         .map(|(common, members)| {
@@ -187,12 +189,14 @@ pub fn groups<'a>(
                 unit.watts_of_weight(quanta / QUANTA_PER_WEIGHT)
             });
             let (sequence, steps, filter) = described(ir, &common, first);
+            let few_rays = sum.brought(!sums.squares_overflowed).few_rays(tally.launched.mean_weight(), unit);
             let row = LightPath {
                 rank: 0,
                 flux: unit.watts(sum.quanta),
                 share: sum.quanta as f64 / totals[&first.end].quanta.max(1) as f64,
                 standard_error: error.filter(|error| error.is_finite()),
-                few_rays: sum.brought(!sums.squares_overflowed).few_rays(tally.launched.mean_weight(), unit),
+                few_rays: few_rays
+                    .map(|few| if absorbs(first.end) { few.at_most(launched_flux) } else { few }),
                 num_rays: sum.count,
                 reflections: first.reflections() as u32,
                 scatterings: first.scatterings() as u32,

@@ -20,7 +20,7 @@ pub struct FluxSum {
 }
 
 impl FluxSum {
-    /// The mean weight of an event; that of one new ray where there is none.
+    /// The mean weight of an event; where there is none, the weight of one new ray.
     pub(crate) fn mean_weight(&self) -> f64 {
         if self.count == 0 { 1.0 } else { self.quanta as f64 / QUANTA_PER_WEIGHT / self.count as f64 }
     }

@@ -61,6 +61,8 @@ pub(crate) struct Uncertainty {
     rays_of_replicates: Vec<u64>,
     /// The mean weight of a new ray.
     birth_weight: f64,
+    /// What the sources launch \[W\].
+    launched_flux: f64,
     unit: FluxUnit,
     overflowed: bool,
 }
@@ -75,7 +77,16 @@ impl Uncertainty {
         let rays_of_replicates = tally.rays.counts_by_remainder(u64::from(NUM_REPLICATES));
         let num_rays = tally.launched.count;
         let birth_weight = tally.launched.mean_weight();
-        Uncertainty { num_rays, rays_of_sources, rays_of_replicates, birth_weight, unit, overflowed }
+        let launched_flux = unit.watts(tally.launched.quanta);
+        Uncertainty {
+            num_rays,
+            rays_of_sources,
+            rays_of_replicates,
+            birth_weight,
+            launched_flux,
+            unit,
+            overflowed,
+        }
     }
 
     /// Standard error of the flux in each cell \[W\]; none where second moments were not summed. The sources are pooled:
@@ -152,11 +163,12 @@ impl Uncertainty {
         Some(self.watts(variance.sqrt()))
     }
 
-    /// What is known of a detector's flux where it rests on few rays.
-    pub(crate) fn few_rays(&self, sums: &DetectorTally) -> Option<FewRays> {
+    /// What is known of the flux of a detector, which may absorb, where it rests on few rays.
+    pub(crate) fn few_rays(&self, sums: &DetectorTally, absorbs: bool) -> Option<FewRays> {
         let brought = sums.brought();
         let squares = brought.squares.filter(|_| !self.overflowed);
-        Brought { squares, ..brought }.few_rays(self.birth_weight, self.unit)
+        let few = Brought { squares, ..brought }.few_rays(self.birth_weight, self.unit)?;
+        Some(if absorbs { few.at_most(self.launched_flux) } else { few })
     }
 
     fn watts(&self, weight: f64) -> f64 {
@@ -365,6 +377,7 @@ mod tests {
             rays_of_sources: Vec::new(),
             rays_of_replicates: Vec::new(),
             birth_weight: 1.0,
+            launched_flux: 1.0,
             unit: FluxUnit::new(1.0, 1),
             overflowed: false,
         };

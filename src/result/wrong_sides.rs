@@ -12,6 +12,8 @@ use crate::scene::notes;
 const MOST_NAMES: usize = 8;
 /// What the search for turned faces says at most.
 const MOST_NOTES: usize = 4;
+/// What that search may cost for each result: some ms. `check` searches longer ([`crate::model::sides::MOST_WORK`]).
+const MOST_WORK: usize = 1 << 16;
 
 /// What the counters say, if they say anything.
 pub(super) fn of(ir: &SceneIr, tally: &Tally) -> Option<WrongSides> {
@@ -32,7 +34,7 @@ pub(super) fn of(ir: &SceneIr, tally: &Tally) -> Option<WrongSides> {
     if !entered_twice.is_empty() {
         warnings.push(format!(
             "{} time(s) a face let a ray into the medium in which the ray already was: {}. Such a face has its media on the wrong \
-             sides, or a solid before it is open",
+             sides, the solid in front of that face is open, or two solids overlap",
             total(&entered_twice),
             listed(&entered_twice)
         ));
@@ -45,8 +47,9 @@ pub(super) fn of(ir: &SceneIr, tally: &Tally) -> Option<WrongSides> {
             listed(&ended_inside)
         ));
     }
-    warnings.extend(notes::of_sides(ir, &wrong_sides(ir)).into_iter().take(MOST_NOTES));
-    Some(WrongSides { entered_twice, ended_inside, warnings })
+    let found = wrong_sides(ir, MOST_WORK);
+    warnings.extend(notes::of_sides(ir, &found).into_iter().take(MOST_NOTES));
+    Some(WrongSides { entered_twice, ended_inside, warnings, has_turned: !found.turned.is_empty() })
 }
 
 fn counted(counts: impl Iterator<Item = (String, u64)>) -> BTreeMap<String, u64> {

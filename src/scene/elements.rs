@@ -15,6 +15,7 @@ use crate::scene::frame::{frame_of, moved, shifted};
 use crate::scene::json::{Component, CoordinateSystem, Element, SceneFile};
 use crate::scene::tree::Value;
 use glam::{DVec3, EulerRot};
+use serde::Deserialize;
 use serde_json::Number;
 use std::collections::{HashMap, HashSet};
 
@@ -32,8 +33,8 @@ pub(super) enum Moved {
 
 /// How entries move.
 pub(super) struct Motions {
-    /// Elements, their frames before, and after. Members come before the groups that hold them.
-    elements: Vec<(usize, CoordinateSystem, CoordinateSystem)>,
+    /// Elements, the numbers of their frames before, and after. Members come before the groups that hold them.
+    elements: Vec<(usize, [f64; 6], [f64; 6])>,
     /// Gaps, and how far all behind them moves \[mm\].
     gaps: Vec<(usize, DVec3)>,
 }
@@ -48,15 +49,7 @@ struct Gap {
 
 impl Elements {
     pub(super) fn of(tree: &Value) -> Result<Self> {
-        let list = value_at(tree, &[key("nsq_gpu"), key("elements")]);
-        match list.map(de::typed::<Vec<Element>>).transpose() {
-            Ok(list) => Ok(Elements(list.unwrap_or_default())),
-            Err(error) => {
-                // The error of the whole file has the whole place.
-                de::typed::<SceneFile>(tree)?;
-                Err(error)
-            }
-        }
+        typed_at(tree, &[key("nsq_gpu"), key("elements")]).map(Elements)
     }
 
     pub(super) fn names(&self) -> impl Iterator<Item = &str> + Clone {
@@ -103,7 +96,7 @@ impl Elements {
     /// The number that a name has in the scene.
     pub(super) fn get(&self, tree: &Value, moved: Moved) -> Result<f64> {
         match moved {
-            Moved::Element(element, number) => Ok(numbers(&self.frame(tree, element)?)[number]),
+            Moved::Element(element, number) => Ok(numbers_of(&self.frame(tree, element)?)[number]),
             Moved::Gap(gap) => Ok(self.gap(tree, gap)?.size),
         }
     }
@@ -125,12 +118,12 @@ impl Elements {
                     let at = match known {
                         Some(at) => at,
                         None => {
-                            let frame = self.frame(tree, *number)?;
-                            motions.elements.push((*number, frame.clone(), frame));
+                            let frame = numbers_of(&self.frame(tree, *number)?);
+                            motions.elements.push((*number, frame, frame));
                             motions.elements.len() - 1
                         }
                     };
-                    *number_of(&mut motions.elements[at].2, *key) = *value;
+                    motions.elements[at].2[*key] = *value;
                 }
             }
         }
@@ -147,12 +140,11 @@ impl Elements {
             let first = outer(tree, &mut outermost, &element.faces[0])?;
             let reference = at(tree, first).and_then(|frame| frame.get("reference_cs").cloned());
             // What the element stands in may have been set meanwhile.
-            let outside = cs_at(tree, first)?.reference_cs;
-            let [before, after] = [before, after]
-                .map(|frame| CoordinateSystem { reference_cs: outside.clone(), ..frame.clone() });
+            let [x, y, z, rx, ry, rz] = *before;
+            let before = CoordinateSystem { x, y, z, rx, ry, rz, ..cs_at(tree, first)? };
             for name in element.entries() {
                 let way = outer(tree, &mut outermost, name)?;
-                move_by(tree, way, (&before, &after), reference.as_ref())?;
+                move_by(tree, way, (&before, *after), reference.as_ref())?;
             }
         }
         let mut shifts: HashMap<&str, DVec3> = HashMap::new();
@@ -240,6 +232,13 @@ pub(super) fn check(file: &SceneFile) -> Result<()> {
     }
     let known: Vec<&str> = placed(file).map(|(name, _)| name).collect();
     let entries: HashSet<&str> = known.iter().copied().collect();
+    // What gaps move, and what stands before all gaps.
+    let first_gap = elements.iter().position(|element| element.behind.is_some());
+    let in_order = elements.iter().enumerate();
+    let in_order = in_order.filter(|(i, element)| element.behind.is_some() || Some(*i) < first_gap);
+    let in_order: HashSet<&str> = in_order
+        .flat_map(|(_, element)| element.entries().chain(element.behind.iter().flatten().map(String::as_str)))
+        .collect();
     let mut seen = HashSet::new();
     for (i, element) in elements.iter().enumerate() {
         let place = format!("nsq_gpu.elements[{i}]");
@@ -257,6 +256,17 @@ pub(super) fn check(file: &SceneFile) -> Result<()> {
                 let advice = did_you_mean(&names[at], known.iter().copied());
                 return refuse(format!("{place}.{list}[{at}]"), problem, advice);
             }
+        }
+        if first_gap.is_some()
+            && let Some(left) = element.entries().find(|name| !in_order.contains(name))
+        {
+            let (name, left) = (quoted(&element.name), quoted(left));
+            let problem = format!("the element {name} has no such list, so no gap moves {left}");
+            return refuse(
+                key_of(&place, "behind"),
+                problem,
+                "name what stands behind it; [] if nothing does",
+            );
         }
         for (at, number) in element.pivot.iter().flatten().enumerate() {
             position(format!("{place}.pivot[{at}]"), *number)?;
@@ -318,7 +328,12 @@ fn outer<'n, 'w>(
 
 /// The frame at the end of a way.
 fn cs_at(tree: &Value, way: &[Step]) -> Result<CoordinateSystem> {
-    let Some(value) = value_at(tree, way) else { return Ok(CoordinateSystem::default()) };
+    typed_at(tree, way)
+}
+
+/// What is at the end of a way; the default where nothing is.
+fn typed_at<'t, T: Deserialize<'t> + Default>(tree: &'t Value, way: &[Step]) -> Result<T> {
+    let Some(value) = value_at(tree, way) else { return Ok(T::default()) };
     de::typed(value).or_else(|error| {
         // The error of the whole file has the whole place.
         de::typed::<SceneFile>(tree)?;
@@ -340,23 +355,23 @@ fn thickness(tree: &Value, way: &[Step]) -> Result<f64> {
     })
 }
 
-/// Moves the frame at the end of a way as an element moves: from a frame to another, both within `reference`. The way is
-/// led on to the frame that the moved one has come to stand in.
+/// Moves the frame at the end of a way as an element moves: from a frame to other numbers, both within `reference`. The
+/// way is led on to the frame that the moved one has come to stand in.
 fn move_by(
     tree: &mut Value,
     way: &mut Vec<Step>,
-    (before, after): (&CoordinateSystem, &CoordinateSystem),
+    (before, new): (&CoordinateSystem, [f64; 6]),
     reference: Option<&Value>,
 ) -> Result<()> {
     let frame = cs_at(tree, way)?;
-    let [old, new] = [before, after].map(numbers);
+    let old = numbers_of(before);
     let is_within = frame.reference_cs == before.reference_cs;
-    if is_within && old[3..] == new[3..] {
-        add(tree, way, &frame, origin(after) - origin(before));
+    if is_within && numbers_of(&frame) == old {
+        write(tree, way, new);
         return Ok(());
     }
-    if is_within && numbers(&frame) == old {
-        write(tree, way, new);
+    if is_within && old[3..] == new[3..] {
+        add(tree, way, &frame, DVec3::from_slice(&new[..3]) - origin(before));
         return Ok(());
     }
     let within = |cs: &CoordinateSystem| {
@@ -367,7 +382,7 @@ fn move_by(
     };
     let (here, there) = (within(before), within(&frame));
     let offset = here.rotation.transpose() * (there.origin - here.origin);
-    let angles = if is_within && numbers(&frame)[3..] == old[3..] {
+    let angles = if is_within && numbers_of(&frame)[3..] == old[3..] {
         [0.0; 3]
     } else if is_within && old[3..] == [0.0; 3] {
         [frame.rx, frame.ry, frame.rz]
@@ -409,19 +424,9 @@ fn value_of(number: f64) -> Option<Value> {
     Number::from_f64(number).map(Value::Number)
 }
 
-fn numbers(cs: &CoordinateSystem) -> [f64; 6] {
+/// In the order of [`FRAME`].
+fn numbers_of(cs: &CoordinateSystem) -> [f64; 6] {
     [cs.x, cs.y, cs.z, cs.rx, cs.ry, cs.rz]
-}
-
-fn number_of(cs: &mut CoordinateSystem, number: usize) -> &mut f64 {
-    match number {
-        0 => &mut cs.x,
-        1 => &mut cs.y,
-        2 => &mut cs.z,
-        3 => &mut cs.rx,
-        4 => &mut cs.ry,
-        _ => &mut cs.rz,
-    }
 }
 
 fn origin(cs: &CoordinateSystem) -> DVec3 {

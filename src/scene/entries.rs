@@ -17,6 +17,11 @@ pub(crate) fn moves(key: &str) -> bool {
     FRAME.contains(&key) || key.starts_with(GAP)
 }
 
+/// The last key of a name. Places in lists end a name: `asphere.coefficients.1`.
+pub(crate) fn last_key(name: &str) -> &str {
+    name.rsplit('.').find(|part| part.parse::<usize>().is_err()).unwrap_or_default()
+}
+
 /// The lists of a scene whose entries have a name of their own.
 const LISTS: [&str; 3] = ["components", "sources", "detectors"];
 

@@ -6,16 +6,16 @@ use glam::DVec3;
 
 use crate::format::{shown, significant, thousands};
 use crate::model::shapes::FrontSide;
-use crate::model::sides::{Disagreement, WrongSides, wrong_sides};
+use crate::model::sides::{Disagreement, MOST_WORK, WrongSides, wrong_sides};
 use crate::model::surface_optics::reflectance;
 use crate::model::{Bsdf, DetectorKind, Frame, Interaction, Scatter, SceneIr, Shape, Surface};
 
-/// Names in a note; of more, their number is told.
+/// Names in a note; of more, the note has the number.
 const MOST_NAMES: usize = 8;
 
 /// Everything that deserves a note.
 pub fn of(ir: &SceneIr) -> Vec<String> {
-    let mut notes = of_sides(ir, &wrong_sides(ir));
+    let mut notes = of_sides(ir, &wrong_sides(ir, MOST_WORK));
     notes.extend(ir.surfaces.iter().flat_map(of_scattering));
     notes
 }
@@ -61,11 +61,11 @@ fn disagreement(ir: &SceneIr, &Disagreement { from, medium, to }: &Disagreement)
     let start = format!("on one side of {} lies {}", name(ir, from), medium_name(medium));
     match to {
         None => format!(
-            "{start}, and light that goes there meets no other face: that solid is open, or the face is turned"
+            "{start}. Light that goes there meets no other face: that solid is open, or the face is turned"
         ),
         Some((to, there)) => format!(
-            "{start}, and light that goes there meets {}, on whose side lies {}: a face is missing between them, or one is \
-             turned",
+            "{start}. Light that goes there meets {}, and the near side of that face is in {}. A face is missing between the \
+             two, or one of them is turned",
             name(ir, to),
             medium_name(there)
         ),

@@ -50,15 +50,15 @@ pub(super) fn set_all(tree: &mut Value, numbers: &[(String, f64)]) -> Result<()>
         return Ok(());
     }
     let elements = Elements::of(tree)?;
-    let (mut places, mut moves): (Vec<(Place, &String, f64)>, Vec<(Moved, f64)>) = Default::default();
+    let (mut places, mut moves): (Vec<(Place, &String, Number)>, Vec<(Moved, f64)>) = Default::default();
     for (name, value) in numbers {
-        if !value.is_finite() {
+        let Some(number) = Number::from_f64(*value) else {
             return Err(Error::Usage(format!("{} is {value}; give a finite number", ticked(name))));
-        }
+        };
         let is_known = match find(tree, &elements, name)? {
             Found::Number(of_name) => {
                 let is_known = places.iter().any(|(place, ..)| of_name.contains(place));
-                places.extend(of_name.into_iter().map(|place| (place, name, *value)));
+                places.extend(of_name.into_iter().map(|place| (place, name, number.clone())));
                 is_known
             }
             Found::Moved(moved) => {
@@ -73,27 +73,25 @@ pub(super) fn set_all(tree: &mut Value, numbers: &[(String, f64)]) -> Result<()>
     }
     // Elements move by how far their numbers are from those of the file, whatever else is set.
     let motions = elements.motions(tree, &moves)?;
-    for (place, name, value) in &places {
-        set(tree, place, name, *value)?;
+    for (place, name, number) in &places {
+        set(tree, place, name, number)?;
     }
     elements.carry_out(tree, &motions)
 }
 
 /// Sets the number at this place. A key that its entry does not know is refused later, when the scene is read.
-fn set(tree: &mut Value, place: &Place, name: &str, value: f64) -> Result<()> {
-    let number = Number::from_f64(value)
-        .ok_or_else(|| Error::Usage(format!("{} is {value}; give a finite number", ticked(name))))?;
+fn set(tree: &mut Value, place: &Place, name: &str, number: &Number) -> Result<()> {
     let Place { object, key, items } = place;
     let Some(object) = at_mut(tree, object) else { return Err(no_single_number(name)) };
     if let (Some(list), false) = (object.get_mut(key), items.is_empty()) {
-        return set_item(list, items, value).ok_or_else(|| no_item(name));
+        return set_item(list, items, number).ok_or_else(|| no_item(name));
     }
     match object.get(key) {
         None | Some(Value::Number(_) | Value::Null) => {}
         Some(Value::String(text)) if is_infinite(text) => {}
         Some(_) => return Err(no_single_number(name)),
     }
-    object.insert(key.clone(), Value::Number(number));
+    object.insert(key.clone(), Value::Number(number.clone()));
     Ok(())
 }
 
@@ -128,12 +126,12 @@ fn item(value: &Value, places: &[usize]) -> Option<f64> {
 }
 
 /// Sets that number; none if there is none.
-fn set_item(value: &mut Value, places: &[usize], to: f64) -> Option<()> {
+fn set_item(value: &mut Value, places: &[usize], to: &Number) -> Option<()> {
     match (value, places) {
-        (Value::Number(number), []) => *number = Number::from_f64(to)?,
-        (Value::Array(Array::Numbers(numbers)), [place]) => *numbers.get_mut(*place)? = to,
+        (Value::Number(number), []) => *number = to.clone(),
+        (Value::Array(Array::Numbers(numbers)), [place]) => *numbers.get_mut(*place)? = to.as_f64()?,
         (Value::Array(Array::Rows { length, numbers }), [row, place]) if *place < *length => {
-            *numbers.get_mut(row.checked_mul(*length)?.checked_add(*place)?)? = to;
+            *numbers.get_mut(row.checked_mul(*length)?.checked_add(*place)?)? = to.as_f64()?;
         }
         (Value::Array(Array::Values(values)), [first, rest @ ..]) => {
             return set_item(values.get_mut(*first)?, rest, to);
@@ -217,14 +215,17 @@ fn find(tree: &Value, elements: &Elements, name: &str) -> Result<Found> {
     let faces: Vec<String> = elements.faces_of(&label).map(ticked).collect();
     if !FRAME.contains(&last.as_str()) && !(faces.is_empty() && places.is_empty()) {
         let advice = did_you_mean(last, FRAME);
-        let of_faces = match faces.is_empty() {
-            true => String::new(),
-            false => format!("; its faces, which have numbers of their own, are {}", faces.join(", ")),
+        let (kind, of_faces) = match faces.is_empty() {
+            true => ("a frame", String::new()),
+            false => (
+                "an element",
+                format!("; its faces, which have numbers of their own, are {}", faces.join(", ")),
+            ),
         };
         return Err(Error::Usage(format!(
-            "{}: what is called {} moves as one, and has no {}; {advice}{of_faces}",
+            "{}: {} is {kind} and has no number {}; {advice}{of_faces}",
             ticked(name),
-            quoted(&label),
+            ticked(&label),
             ticked(last)
         )));
     }

@@ -1,7 +1,7 @@
 //! Numbers with units, as people write tolerances: `0.1deg`, `50um`. The number is given to a scene in the file's own unit.
 
 use crate::model::place::ticked;
-use crate::scene::entries::moves;
+use crate::scene::entries::{last_key, moves};
 
 /// What a number of a scene is.
 #[derive(Clone, Copy, PartialEq)]
@@ -55,11 +55,11 @@ const LENGTH_KEYS: [&str; 14] = [
 /// What is wrong, for people.
 pub(crate) fn parse(name: &str, text: &str) -> Result<f64, String> {
     let text = text.trim();
-    let digits = text.trim_end_matches(|letter: char| letter.is_alphabetic() || letter == '°').trim_end();
-    let unit = text[digits.len()..].trim();
-    if unit.is_empty() || digits.is_empty() {
+    let unit = unit_of(text);
+    if unit.is_empty() {
         return plain(text);
     }
+    let digits = text[..text.len() - unit.len()].trim_end();
     let number = plain(digits).map_err(|_| format!("`{text}` is no number"))?;
     let converted = match kind(name) {
         Some(Kind::Length) => length(number, unit),
@@ -71,7 +71,7 @@ pub(crate) fn parse(name: &str, text: &str) -> Result<f64, String> {
     let units = match kind(name) {
         Some(Kind::Length | Kind::Wavelength) => "it takes nm, um, mm, cm or m",
         Some(Kind::Angle | Kind::Degrees) => "it takes deg, arcmin, arcsec, rad, mrad or urad",
-        None => "give a plain number, in the unit of the scene file",
+        None => "lengths, angles and wavelengths take one; check the name, or give a plain number",
     };
     match converted {
         Some(number) if number.is_finite() => Ok(number),
@@ -80,7 +80,19 @@ pub(crate) fn parse(name: &str, text: &str) -> Result<f64, String> {
     }
 }
 
-fn plain(text: &str) -> Result<f64, String> {
+/// The unit of a number; empty where it has none.
+pub(crate) fn unit_of(text: &str) -> &str {
+    let text = text.trim();
+    let digits = text.trim_end_matches(|letter: char| letter.is_alphabetic() || letter == '°').trim_end();
+    if digits.is_empty() { "" } else { text[digits.len()..].trim_start() }
+}
+
+/// A finite number without a unit.
+///
+/// # Errors
+/// What is wrong, for people.
+pub(crate) fn plain(text: &str) -> Result<f64, String> {
+    let text = text.trim();
     match text.parse::<f64>() {
         Ok(number) if number.is_finite() => Ok(number),
         Ok(_) => Err(format!("`{text}` is not finite; give a finite number")),
@@ -90,10 +102,7 @@ fn plain(text: &str) -> Result<f64, String> {
 
 /// What the number of a name is; None where it has no unit that this program knows.
 fn kind(name: &str) -> Option<Kind> {
-    // Places in lists end a name.
-    let mut parts = name.rsplit('.').skip_while(|part| part.parse::<usize>().is_ok());
-    let key = parts.next().unwrap_or_default();
-    match key {
+    match last_key(name) {
         "rx" | "ry" | "rz" => Some(Kind::Angle),
         "wavelengths" | "wl_min" | "wl_max" => Some(Kind::Wavelength),
         key if key.ends_with("_deg") => Some(Kind::Degrees),

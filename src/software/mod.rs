@@ -143,7 +143,8 @@ impl Software {
             // The host adds up the logs of earlier dispatches before it waits for this one.
             self.finish_logs(engine)?;
             engine.finish_rounds(self.device(number), way)?;
-            if !submitted.is_first {
+            // Without logs the engine waits for passes, and learns from their times.
+            if !submitted.is_first && self.logs.is_some() {
                 let time = start.elapsed().saturating_sub(engine.idle_time - idle_time);
                 engine.size.note(range.count, time, engine.pass_time);
             }

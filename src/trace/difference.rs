@@ -4,6 +4,7 @@
 //! blocks' differences gives the error ([`crate::result::difference::Spread`]). Of Sobol points, scrambles take the place of
 //! blocks.
 
+use crate::engine::budget::distribute;
 use crate::engine::options::{StandardError, TraceOptions};
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
@@ -83,6 +84,16 @@ impl<'a> Pair<'a> {
         Ok(if fineness(&b) > fineness(&a) { b } else { a })
     }
 
+    /// The largest weight with which a source's rays are born, of each scene.
+    fn largest_births(&self, options: &TraceOptions) -> Result<[f64; 2]> {
+        let [a, b] = self.scenes().map(|ir| {
+            let options = self.options_of(ir, options)?;
+            let rays = distribute(ir, options.budget(), options.shares.as_deref())?;
+            Ok(rays.iter().map(|rays| rays.weight).fold(0.0, f64::max))
+        });
+        Ok([a?, b?])
+    }
+
     /// Traces both scenes, and gives A - B. `keep_going` gets the rays done by either scene, after each pass, and stops both
     /// by returning false.
     ///
@@ -121,13 +132,14 @@ impl<'a> Pair<'a> {
         let units = self.scenes().map(|ir| FluxUnit::of_scene(ir, done));
         let scale = num_rays as f64 / done as f64;
         let [a, b] = &sums;
-        let mut found = pairing.difference([a, b], units, spreads.each_ref(), scale)?;
+        let births = self.largest_births(options)?;
+        let mut found = pairing.difference([a, b], births, units, spreads.each_ref(), scale)?;
         found.notes.extend(notes);
         Ok(SceneDifference { run, ..found })
     }
 
     /// What a loss of A is more than that of B. `adjoints` says for each detector what the loss gains by a watt in each cell
-    /// \[1/W\]; `keep_going` is as that of [`Pair::difference`].
+    /// \[1/W\]; `keep_going` as in [`Pair::difference`].
     ///
     /// # Errors
     /// As [`Pair::difference`]. [`Error::Interrupted`] if the traces were stopped.

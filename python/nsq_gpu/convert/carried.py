@@ -57,7 +57,7 @@ def _of_face(face: Face) -> Iterator[tuple[str, str]]:
 
 
 def _of_frame(position: np.ndarray, rotation: np.ndarray) -> Iterator[tuple[str, str]]:
-    """Yield the decentre and the tilt of a frame, against that of the whole prescription."""
+    """Yield the decentre and the tilt of a frame, against the frame of the whole prescription."""
     if np.abs(position[:2]).max() > _ON_AXIS:
         yield "decentre", f"decentre, x = {_rounded(position[0]):.6g} mm, y = {_rounded(position[1]):.6g} mm"
     if np.abs(rotation - np.eye(3)).max() > _ON_AXIS:

@@ -31,7 +31,7 @@ def add_detector(scene: NSQScene, optic: Any, faces: list[Face], rays: Rays, las
     local = (rays.places[-1][rays.arrive] - position) @ rotation
     directions = rays.directions[-2][rays.arrive] @ rotation
     on_plane = local - directions * (local[:, 2] / directions[:, 2])[:, None]
-    # Its middle is on the axis, as that of a film.
+    # The middle of the detector is on the axis, as a film's is.
     circle = max(2.0 * (1.0 + _FREE) * float(np.hypot(on_plane[:, 0], on_plane[:, 1]).max()), _LEAST)
     reason = "as given"
     if size is None:

@@ -38,8 +38,9 @@ const MOST_NAMED: usize = 10;
 pub struct Args {
     /// The scene file.
     scene: PathBuf,
-    /// A number of the scene and its values: L1.r1=50:60:11 (eleven from 50 to 60), L2.z=1,2,5 or L2.rx=0.1deg. Several of
-    /// these give every combination. Names with dots are quoted: '"a.b".r1=50,60'.
+    /// A number of the scene and its values: L1.r1=50:60:11 (eleven from 50 to 60), L2.z=1,2,5 or L2.rx=-1:1deg:3 (the
+    /// last unit counts for numbers without one). Several of these give every combination. Names with dots are quoted:
+    /// '"a.b".r1=50,60'.
     #[arg(long, value_name = "NAME=VALUES", value_parser = parse_values)]
     set: Vec<Values>,
     /// The values of several --set belong together: the first of each, then the second, and so on.

@@ -50,10 +50,10 @@ pub(crate) fn parse_number(text: &str) -> std::result::Result<(String, f64), Str
 
 pub(super) fn parse_values(text: &str) -> std::result::Result<Values, String> {
     let (name, rest) = name_and_rest(text)?;
-    let number = |text: &str| units::parse(&name, text);
     let values = match rest.split(':').collect::<Vec<_>>()[..] {
         [first, last, count] => {
-            let (first, last, count) = (number(first)?, number(last)?, units::parse("", count)?);
+            let (ends, count) = (with_units(&name, &[first, last])?, units::plain(count)?);
+            let (first, last) = (ends[0], ends[1]);
             if !(1.0..=MOST_POINTS as f64).contains(&count) || count.fract() != 0.0 {
                 return Err(format!("`{rest}` has {count} values; give a whole number from 1 to 1e6"));
             }
@@ -64,7 +64,7 @@ pub(super) fn parse_values(text: &str) -> std::result::Result<Values, String> {
             }
             values
         }
-        [list] => list.split(',').map(number).collect::<std::result::Result<Vec<_>, _>>()?,
+        [list] => with_units(&name, &list.split(',').collect::<Vec<_>>())?,
         _ => {
             return Err(format!(
                 "`{rest}` is no list of values; write 50:60:11 (first, last, how many) or 50,55,60"
@@ -72,6 +72,19 @@ pub(super) fn parse_values(text: &str) -> std::result::Result<Values, String> {
         }
     };
     Ok(Values { name, values })
+}
+
+/// Numbers of a list, or the ends of a range. The unit of the last counts for those without one.
+fn with_units(name: &str, texts: &[&str]) -> std::result::Result<Vec<f64>, String> {
+    let last = texts.last().map_or("", |last| units::unit_of(last));
+    let number = |text: &&str| match units::unit_of(text) {
+        "" => units::parse(name, &format!("{text}{last}")),
+        _ if last.is_empty() => {
+            Err(format!("`{text}` has a unit, and the last number has none; give it one"))
+        }
+        _ => units::parse(name, text),
+    };
+    texts.iter().map(number).collect()
 }
 
 /// Tolerances between commas.
@@ -89,8 +102,7 @@ pub(super) fn parse_tolerances(text: &str) -> std::result::Result<Tolerances, St
 fn parse_tolerance(text: &str) -> std::result::Result<Tolerance, String> {
     let (name, rest) = name_and_rest(text)?;
     let (digits, relative) = rest.strip_suffix('%').map_or((rest, false), |digits| (digits, true));
-    let size = if relative { units::parse("", digits) } else { units::parse(&name, digits) }?
-        * if relative { 0.01 } else { 1.0 };
+    let size = if relative { units::plain(digits)? * 0.01 } else { units::parse(&name, digits)? };
     if size.is_finite() && size > 0.0 {
         Ok(Tolerance { name, size, relative })
     } else {
@@ -132,6 +144,14 @@ pub(super) fn samples(
 ) -> Result<Vec<Numbers>> {
     let names: Vec<String> = tolerances.iter().map(|tolerance| tolerance.name.clone()).collect();
     let nominal = Scene::numbers(text, &names)?;
+    if let Some((none, _)) =
+        tolerances.iter().zip(&nominal).find(|(one, nominal)| one.relative && **nominal == 0.0)
+    {
+        let (name, percent) = (&none.name, none.size * 100.0);
+        return Err(Error::Usage(format!(
+            "--tolerance {name}={percent}%: `{name}` is 0, and no share of 0 is a tolerance; give a number"
+        )));
+    }
     let mut draws = Draw(seed);
     let mut sample = || {
         let numbers = tolerances.iter().zip(&nominal).map(|(tolerance, nominal)| {
@@ -182,7 +202,10 @@ mod tests {
         assert_eq!(values("L1.r1=1,-2e1"), Ok(vec![1.0, -20.0]));
         assert_eq!(values("L1.r1=7:9:1"), Ok(vec![7.0]));
         assert_eq!(values("L1.y=-50um:50um:3"), Ok(vec![-0.05, 0.0, 0.05]));
+        assert_eq!(values("L1.y=-50:50um:3"), Ok(vec![-0.05, 0.0, 0.05]));
+        assert_eq!(values("L1.y=-1mm:50 um:1"), Ok(vec![-1.0]));
         assert_eq!(values("L1.rx=1mrad,2mrad"), Ok(vec![0.001, 0.002]));
+        assert_eq!(values("L1.rx=0, 1mrad"), Ok(vec![0.0, 0.001]));
         assert_eq!(parse_values("\"a=b\".r1=3").map(|values| values.name), Ok("\"a=b\".r1".into()));
         for wrong in [
             "L1.r1",
@@ -194,6 +217,10 @@ mod tests {
             "L1.r1=1:2:1e9",
             "L1.r1=1,NaN",
             "L1.r1=1e999",
+            "L1.y=-50um:50:3",
+            "L1.y=0:50um:3um",
+            "L1.y=1um,2,3",
+            "L1.y=1,,3um",
         ] {
             assert!(parse_values(wrong).is_err(), "{wrong}");
         }
@@ -212,6 +239,7 @@ mod tests {
         for wrong in ["L1.r1=0", "L1.r1=1deg", "L1.r1=1mm%", "L1.r1=-1%", "L1.r1=x", "L1.r1"] {
             assert!(parse_tolerance(wrong).is_err(), "{wrong}");
         }
+        assert_eq!(parse_tolerance("L1.r1=1mm%"), Err("`1mm` is no number".into()));
     }
 
     #[test]

@@ -36,7 +36,7 @@ pub struct Cells {
     /// First of the counters of rays on the wrong side, where media border on each other: one a surface for rays that enter
     /// a medium twice, then one a primitive for rays that end inside (shaders/optics/wrong_sides.wgsl).
     pub wrong_sides: Option<u32>,
-    /// Number of counters: one a cell, one a primitive, that of splitting, and those of wrong sides.
+    /// Number of counters: one a cell, one a primitive, one of splitting, and those of wrong sides.
     pub num_counters: u32,
     /// Where the second moments lie, if they are summed on the device.
     pub moments: Option<MomentCells>,

@@ -15,7 +15,8 @@ const REPLACED_ON_PATHS: [(&str, &str); 2] =
     [("fn begin_ray(", "fn begin_on_path("), ("fn end_path(", "fn end_on_path(")];
 
 impl Composition<'_> {
-    /// Adds the search where media border on each other. Derivatives are of light whose trace has told already.
+    /// Adds the search where media border on each other. Derivatives need none, because the trace of their light has
+    /// searched already.
     pub(super) fn look_for_wrong_sides(&self, extension: &dyn Extension, text: &mut Text) {
         let Some(first) = self.cells.wrong_sides.filter(|_| !self.options.has_derivatives()) else { return };
         REPLACED.iter().for_each(|(before, after)| text.rename(before, after));

@@ -37,8 +37,8 @@ pub struct FluxDifference {
     pub difference: f64,
     /// Standard error of the difference; none where it is not known.
     pub standard_error: Option<f64>,
-    /// What is known of a difference that rests on few rays: of those that go other ways in A than in B. The bound is that of its
-    /// size.
+    /// What is known of a difference that rests on few rays, which go other ways in A than in B. The bound is one of the
+    /// difference's size.
     #[serde(flatten)]
     pub few_rays: Option<FewRays>,
 }
@@ -218,14 +218,15 @@ impl<'a> Pairing<'a> {
             && a.kind.function() == b.kind.function()
     }
 
-    /// The difference of two traces, from their sums, what a weight of each is worth, and the spread of blocks: of lines and of
-    /// what was detected. An error is that of a spread times `scale`.
+    /// The difference of two traces, from their sums, the largest weight of a new ray, what a weight of each is worth, and the
+    /// spread of blocks: of lines and of what was detected. Errors are those of a spread times `scale`.
     ///
     /// # Errors
     /// [`Error::Internal`] if the sums are not of these scenes.
     pub(crate) fn difference(
         &self,
         tallies: [&Tally; 2],
+        largest_births: [f64; 2],
         units: [FluxUnit; 2],
         spreads: [&Spread; 2],
         scale: f64,
@@ -237,7 +238,7 @@ impl<'a> Pairing<'a> {
             spread.errors().map(|errors| errors.iter().map(|error| error * scale).collect::<Vec<_>>())
         });
         // No ray brings one scene more than the other by more than it was born with.
-        let births = [0, 1].map(|side| units[side].watts_of_weight(tallies[side].launched.mean_weight()));
+        let births = [0, 1].map(|side| units[side].watts_of_weight(largest_births[side]));
         let number = |name: &str, [a, b]: [f64; 2], kind: usize, at: usize| FluxDifference {
             name: name.into(),
             a,

@@ -376,7 +376,7 @@ impl ColorBar {
         let axis = match colors {
             // Without any flux there is one colour, that of zero, and one honest tick.
             _ if top <= 0.0 => {
-                Axis { label, range: (colors.fraction(1.0), 1.0), ticks: vec![(0.0, "0".into())] }
+                Axis { label, range: (colors.fraction(1.0).min(0.0), 1.0), ticks: vec![(0.0, "0".into())] }
             }
             Colors::Log(_) => {
                 let range = (range.0.log10(), range.1.log10());
@@ -412,6 +412,14 @@ mod tests {
 
     fn labels(range: (f64, f64), count: usize) -> Vec<String> {
         ticks(range, count).into_iter().map(|(_, label)| label).collect()
+    }
+
+    #[test]
+    fn a_map_without_light_has_an_axis_on_any_scale() {
+        for (colors, low) in [(Colors::Rising, 0.0), (Colors::Log(0), 0.0), (Colors::Diverging, -1.0)] {
+            let bar = ColorBar::new("irradiance", (1.0, "W".into()), (0.0, colors), 400, 20.0);
+            assert_eq!((bar.axis.range, bar.axis.ticks), ((low, 1.0), vec![(0.0, "0".into())]));
+        }
     }
 
     #[test]

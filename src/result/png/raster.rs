@@ -142,7 +142,7 @@ impl Colors {
             Colors::Rising => map_color(fraction),
             Colors::Log(_) if fraction <= 0.0 => map_color(0.0),
             Colors::Log(decades) => {
-                // Faint light is told from none.
+                // Faint light has another colour than none.
                 const FIRST: f64 = 0.1;
                 let part = 1.0 + fraction.log10() / f64::from(decades);
                 map_color(FIRST + (1.0 - FIRST) * part.clamp(0.0, 1.0))

@@ -101,14 +101,15 @@ pub(super) fn add(
                 standard_error: flux.standard_error.map(|error| error / distance.abs()),
                 map: map.as_ref().map(|map| &map.values / distance),
                 map_errors: map.as_ref().and_then(|map| Some(map.errors.as_ref()? / distance.abs())),
+                few_rays: flux.few_rays.map(|few| few.scaled(1.0 / distance.abs())),
             });
         }
     }
     Ok(())
 }
 
-/// The derivatives of a loss by differences of two traces; where they are a check, of scenes farther apart. `keep_going` is as
-/// that of [`add`].
+/// The derivatives of a loss by differences of two traces; where they are a check, of scenes farther apart. `keep_going` as in
+/// [`add`].
 ///
 /// # Errors
 /// As [`add`].

@@ -5,7 +5,7 @@ use crate::format::shown;
 use crate::model::{Allowance, Coating, Frame, Interaction, Medium, ReflectProb, SceneIr, SimpleCoating};
 use crate::program::features::has_unit_gradients;
 use crate::program::tangents::Parameter;
-use crate::scene::entries::moves;
+use crate::scene::entries::{last_key, moves};
 use glam::DMat3;
 use rayon::prelude::*;
 
@@ -44,9 +44,7 @@ impl Scaled {
         value: f64,
         with: impl Fn(f64) -> Result<SceneIr> + Sync,
     ) -> Result<Self> {
-        // Places in lists end a name.
-        let mut parts = name.rsplit('.').skip_while(|part| part.parse::<usize>().is_ok());
-        let key = parts.next().unwrap_or_default();
+        let key = last_key(name);
         if !value.is_finite() || value == 0.0 && is_radius(key) {
             return Err(Error::Usage(format!(
                 "`{}` is {value}: a flat face has no derivative by its radius; give it a large radius, such as 1e6",
