@@ -55,7 +55,7 @@ enum Handed {
     Same(&'static [&'static str]),
     /// It is refused beside `--gradient`, in words that have this text.
     Refused(&'static [&'static str], &'static str),
-    /// It says where things go, or is tested by all lines here.
+    /// It says where things go or how they look, or is tested by all lines here.
     Elsewhere,
 }
 
@@ -93,6 +93,9 @@ const OPTIONS: &[(&str, Handed)] = &[
     ("gradient-edges", Elsewhere),
     ("output", Elsewhere),
     ("no-pictures", Elsewhere),
+    // Pictures alone: tests/pictures.rs.
+    ("scale", Elsewhere),
+    ("unit", Elsewhere),
     ("profile", Refused(&["--profile"], "--profile")),
     ("json", Elsewhere),
     ("progress", Same(&["--progress=never"])),
