@@ -1,7 +1,7 @@
 //! The stages of a dispatch, in their order, and how they are recorded and submitted.
 
-use crate::engine::PASS_TIME;
 use crate::engine::device::DeviceState;
+use crate::engine::dispatch_size::PASS_TIME;
 use crate::engine::limits::{MAX_COUNTS_PER_PASS, grid, num_rounds};
 use crate::engine::plan::Plan;
 use crate::engine::rounds::{RoundsLeft, unasked};

@@ -4,6 +4,8 @@
 use crate::engine::limits::DEFAULT_BATCH;
 use std::time::Duration;
 
+/// How long a pass should keep the device. A desktop then stays usable, and no watchdog fires.
+pub(crate) const PASS_TIME: Duration = Duration::from_millis(40);
 /// Events that a first dispatch may make, before any dispatch was timed: those of the largest batch at the default
 /// depth, ends included.
 const FIRST_EVENTS: u64 = DEFAULT_BATCH as u64 * 17;

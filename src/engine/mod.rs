@@ -48,7 +48,7 @@ pub(crate) mod walk;
 pub mod wavefront;
 
 use crate::engine::device::DeviceState;
-use crate::engine::dispatch_size::DispatchSize;
+use crate::engine::dispatch_size::{DispatchSize, PASS_TIME};
 use crate::engine::limits::MAX_COUNTS_UNDRAINED;
 use crate::engine::path_table::PathTable;
 use crate::engine::plan::Plan;
@@ -59,9 +59,6 @@ use crate::gpu::profile::Profile;
 use crate::model::SceneIr;
 use crate::result::Tally;
 use std::time::{Duration, Instant};
-
-/// How long a pass should keep the device. A desktop then stays usable, and no watchdog fires.
-pub(crate) const PASS_TIME: Duration = Duration::from_millis(40);
 
 /// A scene on a device, ready to trace.
 pub(crate) struct Engine<'a> {

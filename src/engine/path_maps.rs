@@ -1,9 +1,9 @@
 //! Traces rays a second time, now that it is known which paths matter: a map for each of some rows, and where the light
 //! of each sequence lies (shaders/paths/sums.maps.wgsl).
 
-use crate::engine::PASS_TIME;
 use crate::engine::device::DeviceState;
 use crate::engine::dispatch::submit_alone;
+use crate::engine::dispatch_size::PASS_TIME;
 use crate::engine::intake::Intake;
 use crate::engine::limits::{DispatchLimits, MAX_COUNTS_UNDRAINED, counts_unasked};
 use crate::engine::options::TraceOptions;
