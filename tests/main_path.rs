@@ -327,7 +327,9 @@ fn tinted_lens_of_two_sources(medium: usize) -> SceneIr {
     let mut lamp = ir.sources[0].clone();
     lamp.kind = SourceKind::Point(Point { half_angle: 1.2 });
     lamp.total_flux *= 0.003;
-    lamp.medium = medium;
+    // In another glass that is the same: rays born in the lens's own would enter that twice, and be rejected for it.
+    lamp.medium = if medium == SceneIr::VACUUM { medium } else { ir.media.len() };
+    ir.media.push(ir.media[medium].clone());
     ir.sources.push(lamp);
     ir
 }
@@ -425,7 +427,8 @@ fn errors_in_what_rays_lose_along_the_path_are_seen() {
     assert_eq!(attenuating_legs(&lens, &high), None);
     // So little that no way through takes much.
     let mut two_sources = tinted_lens_of_two_sources(glass);
-    two_sources.media[glass].k.fill(4e-7);
+    let born_in = two_sources.sources[1].medium;
+    [glass, born_in].into_iter().for_each(|medium| two_sources.media[medium].k.fill(4e-7));
     for (ir, min_flux_fraction, legs, right, wrong) in [
         (two_sources, 0.0, 1, "num_losses == attenuating_legs", "num_losses > 0u"),
         (tinted_lens(), threshold, 1, "(*ray).weight >= ROULETTE_THRESHOLD", "true"),
