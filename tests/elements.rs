@@ -397,11 +397,11 @@ fn the_command_takes_elements_with_units() {
     let found = json(&["sweep", "--set", "L1.rx=0.1deg,2mrad", "--set", "gap_3=21mm"]);
     let set = |number: usize, name: &str| found["points"][number]["set"][name].as_f64().unwrap();
     assert_eq!([set(0, "L1.rx"), set(1, "L1.rx"), set(1, "gap_3")], [0.1_f64.to_radians(), 2e-3, 21.0]);
-    let tolerances = "L1.y=50um,L1.rx=0.1deg,gap_3=0.02,barrel.y=1%";
+    let tolerances = "L1.y=50um,L1.rx=0.1deg,gap_3=0.02,barrel.z=1%";
     let found = json(&["sweep", "--tolerance", tolerances, "--samples", "2", "--distribution", "uniform"]);
     let nominal = &found["nominal"]["set"];
     let gap = number(&plates(), "gap_3");
-    assert_eq!(*nominal, json!({"L1.y": 0.0, "L1.rx": 0.2, "gap_3": gap, "barrel.y": 0.0}));
+    assert_eq!(*nominal, json!({"L1.y": 0.0, "L1.rx": 0.2, "gap_3": gap, "barrel.z": 20.0}));
     let drawn =
         |name: &str| found["points"][1]["set"][name].as_f64().unwrap() - nominal[name].as_f64().unwrap();
     for (name, size) in [("L1.y", 0.05), ("L1.rx", 0.1_f64.to_radians()), ("gap_3", 0.02)] {
@@ -417,6 +417,7 @@ fn the_command_takes_elements_with_units() {
         (["sweep", path, "--set", "L1.y=1:2:3um"], "`3um` is no number"),
         (["sweep", path, "--tolerance", "L1.y=1deg"], "has no unit `deg`"),
         (["sweep", path, "--tolerance", "L1.y=1mm%"], "`1mm` is no number"),
+        (["sweep", path, "--tolerance", "barrel.y=1%"], "`barrel.y` is 0, and no share of 0 is a tolerance"),
         (["sweep", path, "--tolerance", "L9.y=1"], "did you mean `L1`?"),
         (["diff", path, "--set", "gap_9=1"], "the scene has gap_1 to gap_3"),
     ] {

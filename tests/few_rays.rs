@@ -169,7 +169,7 @@ fn a_trace_and_what_is_made_of_it_say_what_a_flux_rests_on() {
     assert_line_of_few(line(&text, "rare "));
     assert!(!line(&text, "rest ").contains("rests on"), "{text}");
     assert!(text.contains("≤: fewer than 10 rays"), "{text}");
-    assert!(line(&text, "warning: detector 'rare'").contains("below "), "{text}");
+    assert!(line(&text, "warning: the flux of detector 'rare'").contains("below "), "{text}");
     let report = json(&std::fs::read_to_string(Path::new(&out).join("report.json")).unwrap());
     assert_few(&report["detectors"]["rare"], 20000.0);
     assert!(report["detectors"]["rest"].get("rests_on").is_none());
