@@ -167,4 +167,4 @@ def test_lists_in_the_place_of_dictionaries_are_refused_by_name() -> None:
 
 def test_one_name_will_do_for_numbers() -> None:
     with nsq_gpu.Session() as session:
-        assert session.numbers(singlet(), "L1.r1") == session.numbers(singlet(), ["L1.r1"])
+        assert session.numbers(singlet(), "L.r1") == session.numbers(singlet(), ["L.r1"])
