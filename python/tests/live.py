@@ -36,6 +36,13 @@ KINDS = {"IrradianceDetector": "irradiance", "SpectralDetector": "spectral", "Fa
 PATH_LIMIT = 1e-9
 
 
+def same_rows(table: np.ndarray, other: np.ndarray) -> bool:
+    """Whether two tables of paths have the same rows; what is not known is NaN, and the same in both."""
+    fields = table.dtype.names or ()
+    same = (np.array_equal(table[name], other[name], equal_nan=table[name].dtype.kind == "f") for name in fields)
+    return table.shape == other.shape and all(same)
+
+
 def binary() -> str:
     """Return the program under test."""
     try:

@@ -70,7 +70,7 @@ def test_equals_numpy(path: Path) -> None:
         assert type(result.detectors[name]) is type(reference.detectors[name])
         again = detector.get_result()
         for key, value in vars(result.detectors[name]).items():
-            if key in ("standard_error", "total_flux_standard_error"):
+            if key in ("standard_error", "total_flux_standard_error", "few_rays"):
                 continue
             assert np.array_equal(np.asarray(getattr(again, key)), np.asarray(value)), (name, key)
 
