@@ -207,8 +207,9 @@ fn filtered(ir: &SceneIr, filter: &str, num_rays: u64) -> TraceOptions {
 fn the_second_trace_of_a_derivative_keeps_the_light_that_the_first_keeps() {
     let text = coated_double_gauss();
     let name = "face_1.radius".to_string();
-    let value = Scene::numbers(&text, &[name.clone()]).unwrap()[0];
-    let scene = Differentiated::new(&text, Path::new(""), &[], &[name.clone()], |_| Ok(())).unwrap();
+    let value = Scene::numbers(&text, std::slice::from_ref(&name)).unwrap()[0];
+    let scene =
+        Differentiated::new(&text, Path::new(""), &[], std::slice::from_ref(&name), |_| Ok(())).unwrap();
     let at = |value: f64| {
         let mut ir =
             Scene::with_numbers(&text, Path::new(""), &[(name.clone(), value)]).unwrap().lower().unwrap();

@@ -77,7 +77,7 @@ mod tests {
     #[test]
     fn rounds_end_with_the_last_ray() {
         assert_eq!(RoundsLeft::of(1000).unwrap().next(0, 1), None);
-        assert_eq!(groups(1000, 0, 1), [1..5]);
+        assert_eq!(groups(1000, 0, 1).last(), Some(&(1..5)));
         assert_eq!(groups(1000, 9, 1), [1..5, 5..13]);
     }
 

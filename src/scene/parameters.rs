@@ -50,7 +50,8 @@ pub(super) fn set_all(tree: &mut Value, numbers: &[(String, f64)]) -> Result<()>
         return Ok(());
     }
     let elements = Elements::of(tree)?;
-    let (mut places, mut moves): (Vec<(Place, &String, Number)>, Vec<(Moved, f64)>) = Default::default();
+    let mut places: Vec<(Place, &String, Number)> = Vec::new();
+    let mut moves: Vec<(Moved, f64)> = Vec::new();
     for (name, value) in numbers {
         let Some(number) = Number::from_f64(*value) else {
             return Err(Error::Usage(format!("{} is {value}; give a finite number", ticked(name))));
@@ -213,7 +214,8 @@ fn find(tree: &Value, elements: &Elements, name: &str) -> Result<Found> {
         .map(|(_, way)| Place { object: way.clone(), key: last.clone(), items: items.clone() })
         .collect();
     let faces: Vec<String> = elements.faces_of(&label).map(ticked).collect();
-    if !FRAME.contains(&last.as_str()) && !(faces.is_empty() && places.is_empty()) {
+    let is_known = !faces.is_empty() || !places.is_empty();
+    if is_known && !FRAME.contains(&last.as_str()) {
         let advice = did_you_mean(last, FRAME);
         let (kind, of_faces) = match faces.is_empty() {
             true => ("a frame", String::new()),
