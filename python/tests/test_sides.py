@@ -35,6 +35,8 @@ def test_a_turned_wall_is_warned_of_by_name(tmp_path: Path) -> None:
     assert max(entered, key=entered.get) == "wall_1"
     assert any(warning.startswith("`wall_1` is turned inside out") for warning in told[1].warnings())
     assert "`wall_1` is turned inside out" in told[1].report()
+    with pytest.warns(nsq_gpu.ResultWarning, match="`wall_1` is turned inside out"):
+        wrong.trace(2000, seed=1, backend=live.backend())
 
 
 @pytest.mark.parametrize("key", ["embedded", "file"])
