@@ -110,6 +110,17 @@ pub(crate) fn score(value: f64, error: Option<f64>, scale: f64) -> String {
     sigmas(value, error, scale).map_or("-".into(), |sigmas| format!("{sigmas:.1}"))
 }
 
+/// Names in a sentence; of more, the sentence has the number.
+pub(crate) const MOST_NAMES: usize = 8;
+
+/// Names for a sentence: `a, b and 3 more`.
+pub(crate) fn listed(names: impl ExactSizeIterator<Item = impl AsRef<str>>) -> String {
+    let more = names.len().saturating_sub(MOST_NAMES);
+    let names: Vec<_> = names.take(MOST_NAMES).collect();
+    let names = names.iter().map(AsRef::as_ref).collect::<Vec<&str>>().join(", ");
+    if more > 0 { format!("{names} and {} more", thousands(more as u64)) } else { names }
+}
+
 /// `count` with separators: 1,234,567.
 pub(crate) fn thousands(count: u64) -> String {
     let digits = count.to_string();

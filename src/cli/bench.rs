@@ -134,6 +134,18 @@ const PEER_RAYS: u64 = 100_000;
 /// The limit of --quick.
 const QUICK_RAYS: u64 = 100_000;
 
+impl Args {
+    /// Measured runs of each case.
+    fn num_runs(&self) -> usize {
+        usize::from(self.runs.unwrap_or(if self.quick { 3 } else { 5 }))
+    }
+
+    /// Most rays of a case.
+    fn most_rays(&self) -> u64 {
+        self.max_rays.unwrap_or(if self.quick { QUICK_RAYS } else { u64::MAX })
+    }
+}
+
 /// Measures, writes the files, and returns the text for stdout.
 pub fn run(args: &Args) -> Result<String> {
     if args.stability {
@@ -163,7 +175,7 @@ pub fn run(args: &Args) -> Result<String> {
     let session = Session {
         gpu: &gpu,
         program: std::env::current_exe().map_err(|error| Error::Internal(error.to_string()))?,
-        num_runs: usize::from(args.runs.unwrap_or(if args.quick { 3 } else { 5 })),
+        num_runs: args.num_runs(),
         precisions: precisions(args.precision.unwrap_or(PrecisionsArg::Both), &gpu),
     };
     let mut peers = args.against.iter().map(|peer| start(*peer, args)).collect::<Result<Vec<_>>>()?;
@@ -332,7 +344,7 @@ fn cost_table(
     measure: impl Fn(&Gpu, &Case, Precision, usize) -> Result<String>,
 ) -> Result<String> {
     let gpu = open(args)?;
-    let num_runs = usize::from(args.runs.unwrap_or(if args.quick { 3 } else { 5 }));
+    let num_runs = args.num_runs();
     let mut table = heading;
     for case in cases {
         for precision in precisions(args.precision.unwrap_or(PrecisionsArg::Both), &gpu) {
@@ -349,9 +361,7 @@ fn run_growth(args: &Args) -> Result<String> {
     check_output(args, growth::FILES)?;
     let gpu = open(args)?;
     let precision = default_precision(args, &gpu);
-    let most = args.max_rays.unwrap_or(if args.quick { QUICK_RAYS } else { u64::MAX });
-    let num_runs = usize::from(args.runs.unwrap_or(if args.quick { 3 } else { 5 }));
-    let growth = growth::measure(&gpu, precision, most, num_runs, say)?;
+    let growth = growth::measure(&gpu, precision, args.most_rays(), args.num_runs(), say)?;
     if let Some(dir) = &args.output {
         growth.write_all(dir)?.iter().for_each(|file| say(&format!("written: {}", file.display())));
     }
@@ -478,8 +488,7 @@ fn map_peers(args: &Args) -> Result<Vec<Optiland>> {
 }
 
 fn chosen_cases(args: &Args) -> Result<Vec<Case>> {
-    let quick = if args.quick { QUICK_RAYS } else { u64::MAX };
-    let mut cases = cases::all(args.max_rays.unwrap_or(quick));
+    let mut cases = cases::all(args.most_rays());
     let is = |case: &Case, name: &String| case.name == *name || case.axis == name;
     let is_viewer = |name: &str| cfg!(feature = "viewer") && name == VIEWER;
     let is_known = |name: &String| is_viewer(name) || cases.iter().any(|case| is(case, name));

@@ -1,6 +1,6 @@
 //! What should be read with care in a result, with Optiland's thresholds.
 
-use crate::format::{percent, shown, significant, thousands};
+use crate::format::{listed, percent, shown, significant, thousands};
 use crate::model::{SceneIr, depth};
 use crate::result::wrong_sides;
 use crate::result::{
@@ -17,8 +17,6 @@ const UNDERSAMPLED_HITS: f64 = 10.0;
 const UNDERSAMPLED_ERROR: f64 = 0.32;
 /// The warning says how many rays bring it to this.
 const GOOD_ERROR: f64 = 0.05;
-/// Names in a warning; of more, their number is told.
-const MOST_NAMES: usize = 8;
 /// Hits per pixel for 5 % relative error: 1 / 0.05^2.
 const TARGET_HITS: f64 = 400.0;
 
@@ -81,14 +79,6 @@ fn few_rays(detector: &Detector, is_filtered: bool) -> Option<String> {
 fn rounded(count: f64) -> u64 {
     let unit = 10_f64.powf((count.max(1.0).log10().floor() - 1.0).max(0.0));
     ((count / unit).round() * unit) as u64
-}
-
-/// Names for a sentence.
-fn listed<'a>(names: impl ExactSizeIterator<Item = &'a str>) -> String {
-    let more = names.len().saturating_sub(MOST_NAMES);
-    let names: Vec<&str> = names.take(MOST_NAMES).collect();
-    let names = names.join(", ");
-    if more > 0 { format!("{names} and {} more", thousands(more as u64)) } else { names }
 }
 
 impl Diagnostics {

@@ -16,6 +16,7 @@
 use crate::format::{significant, thousands};
 use crate::result::{FluxUnit, QUANTA_PER_WEIGHT};
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use statrs::function::gamma::checked_gamma_lr;
 
 /// From so many rays on, a standard error says enough.
@@ -109,7 +110,20 @@ impl FewRays {
 
     /// `≤ 4.7e-6`.
     pub fn bound(&self) -> String {
-        format!("≤ {}", significant(self.upper_bound_95, 2))
+        bound(self.upper_bound_95)
+    }
+}
+
+/// A bound in \[W\] for a table: `≤ 4.7e-6`.
+pub(crate) fn bound(upper_bound_95: f64) -> String {
+    format!("≤ {}", significant(upper_bound_95, 2))
+}
+
+/// Adds to an entry of a report what is known of a flux that rests on few rays: `rests_on` and `upper_bound_95`.
+pub(crate) fn add_to(entry: &mut Value, few: Option<FewRays>) {
+    if let Some(few) = few {
+        entry["rests_on"] = few.rests_on.into();
+        entry["upper_bound_95"] = few.upper_bound_95.into();
     }
 }
 

@@ -9,7 +9,7 @@ use crate::format::pretty_json;
 use crate::result::StoppedBy;
 use crate::result::integrity::Meta;
 use crate::result::paths::{LightPath, OtherLight};
-use crate::result::{Diagnostics, Gradient, Ledger, SurfaceResult, TraceResult};
+use crate::result::{Diagnostics, Gradient, Ledger, SurfaceResult, TraceResult, few_rays};
 
 /// Version of the document. It grows when a field changes its meaning or goes away, not when one is added.
 pub const SCHEMA: u32 = 1;
@@ -230,10 +230,7 @@ fn detectors(result: &TraceResult, files: &Files) -> Map<String, Value> {
         for (key, value) in detector.data.result().entry() {
             entry[key] = value;
         }
-        if let Some(few) = detector.few_rays {
-            entry["rests_on"] = json!(few.rests_on);
-            entry["upper_bound_95"] = json!(few.upper_bound_95);
-        }
+        few_rays::add_to(&mut entry, detector.few_rays);
         if let Some(title) = &detector.title {
             entry["title"] = json!(title);
         }

@@ -2,14 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use crate::format::{shown, thousands};
+use crate::format::{listed, shown, thousands};
 use crate::model::SceneIr;
 use crate::model::sides::wrong_sides;
 use crate::result::{Tally, WrongSides};
 use crate::scene::notes;
 
-/// Names in a sentence.
-const MOST_NAMES: usize = 8;
 /// What the search for turned faces says at most.
 const MOST_NOTES: usize = 4;
 /// What that search may cost for each result: some ms. `check` searches longer ([`crate::model::sides::MOST_WORK`]).
@@ -36,7 +34,7 @@ pub(super) fn of(ir: &SceneIr, tally: &Tally) -> Option<WrongSides> {
             "{} time(s) a face let a ray into the medium in which the ray already was: {}. Such a face has its media on the wrong \
              sides, the solid in front of that face is open, or two solids overlap",
             total(&entered_twice),
-            listed(&entered_twice)
+            with_counts(&entered_twice)
         ));
     }
     if !ended_inside.is_empty() {
@@ -44,7 +42,7 @@ pub(super) fn of(ir: &SceneIr, tally: &Tally) -> Option<WrongSides> {
             "{} ray(s) ended in a medium in which they were not born, on or behind {}. This is right where a detector stands in \
              a solid. Elsewhere a solid is open, or one of its faces has its media on the wrong sides",
             total(&ended_inside),
-            listed(&ended_inside)
+            with_counts(&ended_inside)
         ));
     }
     let found = wrong_sides(ir, MOST_WORK);
@@ -65,14 +63,8 @@ fn total(counts: &BTreeMap<String, u64>) -> String {
 }
 
 /// The names with their counts, the most frequent first.
-fn listed(counts: &BTreeMap<String, u64>) -> String {
+fn with_counts(counts: &BTreeMap<String, u64>) -> String {
     let mut counts: Vec<(&String, &u64)> = counts.iter().collect();
     counts.sort_by_key(|(name, count)| (std::cmp::Reverse(**count), *name));
-    let more = counts.len().saturating_sub(MOST_NAMES);
-    let names = counts
-        .iter()
-        .take(MOST_NAMES)
-        .map(|(name, count)| format!("`{}` ({})", shown(name), thousands(**count)));
-    let text = names.collect::<Vec<_>>().join(", ");
-    if more > 0 { format!("{text} and {} more", thousands(more as u64)) } else { text }
+    listed(counts.iter().map(|(name, count)| format!("`{}` ({})", shown(name), thousands(**count))))
 }

@@ -4,14 +4,11 @@ use std::fmt::Write;
 
 use glam::DVec3;
 
-use crate::format::{shown, significant, thousands};
+use crate::format::{MOST_NAMES, listed, shown, significant, thousands};
 use crate::model::shapes::FrontSide;
 use crate::model::sides::{Disagreement, MOST_WORK, WrongSides, wrong_sides};
 use crate::model::surface_optics::reflectance;
 use crate::model::{Bsdf, DetectorKind, Frame, Interaction, Scatter, SceneIr, Shape, Surface};
-
-/// Names in a note; of more, the note has the number.
-const MOST_NAMES: usize = 8;
 
 /// Everything that deserves a note.
 pub fn of(ir: &SceneIr) -> Vec<String> {
@@ -74,12 +71,6 @@ fn disagreement(ir: &SceneIr, &Disagreement { from, medium, to }: &Disagreement)
 
 fn name(ir: &SceneIr, surface: usize) -> String {
     format!("`{}`", shown(&ir.surface_name(surface)))
-}
-
-fn listed(names: impl ExactSizeIterator<Item = String>) -> String {
-    let more = names.len().saturating_sub(MOST_NAMES);
-    let text = names.take(MOST_NAMES).collect::<Vec<_>>().join(", ");
-    if more > 0 { format!("{text} and {} more", thousands(more as u64)) } else { text }
 }
 
 /// A table of all surfaces: which side is the front, and which media lie in front and behind.

@@ -82,10 +82,7 @@ impl Point {
             Ok(Traced { seed, num_rays, fluxes }) => {
                 let flux = |flux: &Flux| {
                     let mut entry = json!({"flux": flux.flux, "standard_error": flux.error});
-                    if let Some(few) = flux.few_rays {
-                        entry["rests_on"] = json!(few.rests_on);
-                        entry["upper_bound_95"] = json!(few.upper_bound_95);
-                    }
+                    few_rays::add_to(&mut entry, flux.few_rays);
                     (flux.name.clone(), entry)
                 };
                 let fluxes: Map<String, Value> = fluxes.iter().map(flux).collect();
@@ -241,8 +238,7 @@ impl Points {
                     ColumnKind::Error => next(*at, ColumnKind::Bound),
                     ColumnKind::Bound => value,
                 };
-                let bound = bound.map(|bound| format!("≤ {}", significant(bound, 2)));
-                format!("{:>12}", bound.unwrap_or_else(|| known(2)))
+                format!("{:>12}", bound.map(few_rays::bound).unwrap_or_else(|| known(2)))
             };
             text += &(shown_columns.iter().map(cell).collect::<String>() + "\n");
         }

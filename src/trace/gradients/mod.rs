@@ -223,8 +223,7 @@ impl Differentiated {
 
     /// What a loss gains at most by rounding, where a parameter changes by its natural size.
     fn least(&self, precision: Precision, adjoints: &[Vec<f64>]) -> f64 {
-        let largest = adjoints.iter().flatten().fold(0.0, |largest: f64, adjoint| largest.max(adjoint.abs()));
-        rounding(precision) * largest * self.ir.emitted_flux()
+        rounding(precision) * largest(adjoints) * self.ir.emitted_flux()
     }
 
     /// The gradient of a loss by all parameters: what the loss gains by a unit of each. `adjoints` says for each detector what
@@ -279,7 +278,7 @@ impl Differentiated {
             }
             found.num_lost += sums.detectors.iter().map(|detector| detector.lost_tangents).sum::<u64>();
         }
-        let largest = adjoints.iter().flatten().fold(0.0, |largest: f64, adjoint| largest.max(adjoint.abs()));
+        let largest = largest(adjoints);
         let least = self.least(options.precision, adjoints);
         for (scaled, value) in self.parameters.iter().zip(&found.values) {
             if !how.with_edges && largest > 0.0 && (value * scaled.size).abs() <= least {
@@ -322,7 +321,7 @@ impl Differentiated {
         let program = &walker.plan.program;
         let cells = &program.cells;
         let first = cells.detectors.first().copied().unwrap_or(cells.num_cells);
-        let largest = adjoints.iter().flatten().fold(0.0, |largest: f64, value| largest.max(value.abs()));
+        let largest = largest(adjoints);
         // A power of two, so that no digit is lost; reals of 32 bits hold the quotients.
         let scale = if largest > 0.0 { largest.log2().floor().exp2() } else { 1.0 };
         let mut of_cells = vec![0.0; (cells.num_cells - first) as usize];
@@ -496,4 +495,9 @@ impl Differentiated {
         }
         Ok((found, blocks.sums))
     }
+}
+
+/// The largest of all adjoints, without its sign.
+fn largest(adjoints: &[Vec<f64>]) -> f64 {
+    adjoints.iter().flatten().fold(0.0, |largest, adjoint| largest.max(adjoint.abs()))
 }
