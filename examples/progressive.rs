@@ -9,7 +9,7 @@
 use nsq_gpu::gpu::{AdapterChoice, Gpu};
 use nsq_gpu::result::RunInfo;
 use nsq_gpu::result::uncertainty::worst_relative_error;
-use nsq_gpu::trace::stopping::Stopping;
+use nsq_gpu::run::stopping::Stopping;
 use nsq_gpu::{Result, Scene, StandardError, TraceOptions, TraceResult, Tracer};
 use std::path::Path;
 

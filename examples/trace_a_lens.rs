@@ -6,7 +6,7 @@
 
 use nsq_gpu::gpu::{AdapterChoice, Gpu};
 use nsq_gpu::result::output;
-use nsq_gpu::trace::auto_precision::{self, Wanted};
+use nsq_gpu::run::precision::{self, Wanted};
 use nsq_gpu::{Result, Scene, StandardError, TraceOptions, TraceResult, Tracer};
 use std::path::{Path, PathBuf};
 
@@ -25,7 +25,7 @@ fn main() -> Result<()> {
     }
     .tuned(&gpu.info);
     // The cheapest precision that places the light to a hundredth of a pixel.
-    let precision = auto_precision::choose(&gpu, &model, &options, Wanted::Auto)?.precision;
+    let precision = precision::choose(&gpu, &model, &options, Wanted::Auto)?.precision;
     let options = TraceOptions { precision, ..options };
 
     let tally = Tracer::new(&gpu, &model, &options)?.trace(|_rays_done| true)?;

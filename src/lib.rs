@@ -29,7 +29,7 @@
 //! ```
 //!
 //! [`trace`] is the face of the engine: the tracer of a scene, when to stop, checkpoints, and the precision that a
-//! scene needs. [`software`] holds what is done otherwise on adapters that are processors, where most rays of a scene
+//! scene needs. [`cpu`] holds what is done otherwise on adapters that are processors, where most rays of a scene
 //! take one path. [`gpu`] holds the mechanics of wgpu and knows no optics.
 //!
 //! [`folders`] knows where a user keeps settings and caches, `placing` puts files in their places, and [`mesa`] keeps
@@ -37,14 +37,17 @@
 //! feature of that name, is the window of `nsq-gpu view`.
 
 #![cfg_attr(
-    not(feature = "software"),
+    not(feature = "cpu"),
     allow(dead_code, unused_imports, reason = "some parts of the engine are for the wing alone")
 )]
 
-#[cfg(feature = "software")]
+#[cfg(feature = "cpu")]
 pub mod bench;
 pub mod cli;
 pub mod count;
+#[cfg(feature = "cpu")]
+#[warn(clippy::wildcard_enum_match_arm, reason = "as in `model`")]
+pub mod cpu;
 pub mod engine;
 pub mod error;
 pub mod folders;
@@ -61,17 +64,14 @@ mod placing;
 pub mod program;
 #[warn(clippy::wildcard_enum_match_arm, reason = "as in `model`")]
 pub mod result;
+pub mod run;
 #[warn(clippy::wildcard_enum_match_arm, reason = "as in `model`")]
 pub mod scene;
 pub mod shaders;
-#[cfg(feature = "software")]
-#[warn(clippy::wildcard_enum_match_arm, reason = "as in `model`")]
-pub mod software;
-pub mod trace;
 #[cfg(feature = "viewer")]
 pub mod viewer;
 
 pub use crate::error::{Error, Result};
 pub use crate::result::TraceResult;
+pub use crate::run::{Progress, StandardError, TraceOptions, Tracer};
 pub use crate::scene::Scene;
-pub use crate::trace::{Progress, StandardError, TraceOptions, Tracer};

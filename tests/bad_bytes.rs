@@ -17,7 +17,7 @@ use nsq_gpu::result::{
     FluxSum, FluxUnit, Moments, PathEvent, PathEventKind, PathSum, PathTally, RayRow, RaySpan, RunInfo,
     Tally, TraceResult, output,
 };
-use nsq_gpu::trace::checkpoint::{Checkpoint, Identity, scene_hash};
+use nsq_gpu::run::checkpoint::{Checkpoint, Identity, scene_hash};
 use nsq_gpu::{TraceOptions, Tracer};
 use serde_json::Value;
 

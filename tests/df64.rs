@@ -5,8 +5,9 @@
 mod zoo;
 
 use nsq_gpu::model::SceneIr;
+use nsq_gpu::program::Precision;
 use nsq_gpu::program::layout::reals::{literal, put_real};
-use nsq_gpu::program::{Precision, df64};
+use nsq_gpu::program::rewrite::df64;
 use nsq_gpu::result::{DetectorData, Tally};
 use nsq_gpu::{Error, Scene, StandardError, TraceOptions, Tracer};
 

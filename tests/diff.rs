@@ -12,7 +12,7 @@ use ndarray::Array2;
 use nsq_gpu::model::SceneIr;
 use nsq_gpu::program::{Precision, Sampler};
 use nsq_gpu::result::{Detector, DetectorData, FluxDifference, SceneDifference};
-use nsq_gpu::trace::difference::Pair;
+use nsq_gpu::run::difference::Pair;
 use nsq_gpu::{Error, Scene, StandardError, TraceOptions};
 use std::path::Path;
 

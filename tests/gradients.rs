@@ -12,7 +12,7 @@ mod zoo;
 use nsq_gpu::model::SceneIr;
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{Gradient, SceneDifference};
-use nsq_gpu::trace::gradients::{Differentiated, How, LossGradient};
+use nsq_gpu::run::gradients::{Differentiated, How, LossGradient};
 use nsq_gpu::{StandardError, TraceOptions};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -150,7 +150,7 @@ fn central_difference(text: &str, name: &str, step: f64, options: &TraceOptions)
         nsq_gpu::Scene::with_numbers(text, Path::new(""), &numbers).unwrap().lower().unwrap()
     };
     let (more, less) = (at(value + step), at(value - step));
-    let pair = nsq_gpu::trace::difference::Pair::new(&more, less).unwrap();
+    let pair = nsq_gpu::run::difference::Pair::new(&more, less).unwrap();
     pair.difference(zoo::gpu(), options, |_| true).unwrap()
 }
 
@@ -414,7 +414,7 @@ fn derivatives_have_the_same_bits_however_they_are_traced() {
     }
     // On a shelf, and from portable integers.
     let scene = differentiated(BENCH, &["L1.r1"]);
-    let shelf = nsq_gpu::trace::Shelf::new();
+    let shelf = nsq_gpu::run::Shelf::new();
     for _ in 0..2 {
         let how = How { shelf: Some(&shelf), without_errors: true, ..How::default() };
         let found = scene.gradients(zoo::gpu(), &options, how, |_| true).unwrap().0;
@@ -680,7 +680,7 @@ fn derivatives_of_1e8_rays_are_those_of_differences_to_1_percent() {
 fn check_seeds(seeds: u64, rays_of_truth: u64, shares: std::ops::Range<f64>) {
     let names = ["L1.r1", "image.z", "glass.n"];
     let scene = differentiated(BENCH, &names);
-    let shelf = nsq_gpu::trace::Shelf::new();
+    let shelf = nsq_gpu::run::Shelf::new();
     let numbers = |num_rays: u64, seed: u64| -> Vec<Vec<(f64, f64)>> {
         let how = How { shelf: Some(&shelf), ..How::default() };
         let options = zoo::options(num_rays, seed, Precision::F64);
@@ -1184,7 +1184,7 @@ fn a_short_difference_confirms_what_stays_clear_of_edges() {
     let wide = BENCH.replace("\"aperture_radius\": 8.0", "\"aperture_radius\": 20.0");
     assert_ne!(wide, BENCH);
     let names = ["glass.n", "L1.r1", "beam.total_flux", "lamp.z", "L1.front_aperture_radius"];
-    let shelf = nsq_gpu::trace::Shelf::new();
+    let shelf = nsq_gpu::run::Shelf::new();
     let not_confirmed = |text: &str, num_rays: u64, shelf, is_flux: bool| {
         let scene = differentiated(text, &names);
         let options = zoo::options(num_rays, 5, Precision::F64);

@@ -16,9 +16,9 @@ use std::sync::Arc;
 use command::{run, stderr};
 use nsq_gpu::model::{PathFilter, ReflectProb, SceneIr};
 use nsq_gpu::program::Precision;
-use nsq_gpu::trace::auto_precision::{Need, predict};
-use nsq_gpu::trace::difference::Pair;
-use nsq_gpu::trace::gradients::{Differentiated, How};
+use nsq_gpu::run::difference::Pair;
+use nsq_gpu::run::gradients::{Differentiated, How};
+use nsq_gpu::run::precision::{Need, predict};
 use nsq_gpu::{Scene, StandardError, TraceOptions};
 use serde_json::Value;
 

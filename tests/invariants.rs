@@ -10,6 +10,8 @@ mod zoo;
 use std::collections::BTreeMap;
 
 use glam::{DMat3, DVec3};
+use nsq_gpu::cpu::When;
+use nsq_gpu::cpu::profile::Profile;
 use nsq_gpu::gpu::Gpu;
 use nsq_gpu::model::{
     Detector, DetectorKind, FarField, Frame, Frustum, Interaction, Medium, PixelGrid, Point, Sampling,
@@ -18,9 +20,7 @@ use nsq_gpu::model::{
 use nsq_gpu::program::Precision;
 use nsq_gpu::program::layout::rng::Sampler;
 use nsq_gpu::result::{FluxSum, PathEvent, PathEventKind, Tally};
-use nsq_gpu::software::When;
-use nsq_gpu::software::profile::Profile;
-use nsq_gpu::trace::{RecordPaths, Strict};
+use nsq_gpu::run::{RecordPaths, Strict};
 use nsq_gpu::{StandardError, TraceOptions, Tracer};
 use std::time::Duration;
 use zoo::forced::{Asked, Forced};

@@ -14,16 +14,16 @@ use syn::visit::Visit;
 const LAYERS: [&str; 19] = [
     "format", // numbers and names for people
     "error",  // what can go wrong
-    "mesa", "folders", "placing", "count",    // the machine's ways
-    "gpu",      // wgpu and nothing else
-    "shaders",  // the text of the shaders
-    "model",    // the scene as traced
-    "scene",    // what the user wrote -> model
-    "program",  // model -> WGSL and bytes
-    "result",   // sums -> maps, ledger, files
-    "engine",   // the plain loop
-    "software", // what is done otherwise on processors
-    "trace",    // the face of the engine
+    "mesa", "folders", "placing", "count",   // the machine's ways
+    "gpu",     // wgpu and nothing else
+    "shaders", // the text of the shaders
+    "model",   // the scene as traced
+    "scene",   // what the user wrote -> model
+    "program", // model -> WGSL and bytes
+    "result",  // sums -> maps, ledger, files
+    "engine",  // the plain loop
+    "cpu",     // what is done otherwise on processors
+    "run",     // a run: tracer, precision, stopping, checkpoints
     "viewer", "bench", "cli", // whoever calls the library
     "lib",
 ];

@@ -10,8 +10,8 @@
 mod common;
 
 use common::{Gpu, Storage, TIERS, real_bytes, reals_of};
-use nsq_gpu::program::df64;
 use nsq_gpu::program::layout::rng::{self, Sampler};
+use nsq_gpu::program::rewrite::df64;
 use nsq_gpu::program::wgsl::library::{self, Integers, Real};
 
 /// One row of `tests/data/rng.csv`: a key and the draw that Optiland makes of it.

@@ -4,8 +4,8 @@
 
 use naga::back::{hlsl, msl, spv};
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
-use nsq_gpu::program::df64;
 use nsq_gpu::program::layout::rng::Sampler;
+use nsq_gpu::program::rewrite::df64;
 use nsq_gpu::program::wgsl::library::{Integers, Real, source};
 
 const INT64: Capabilities = Capabilities::SHADER_INT64.union(Capabilities::SHADER_INT64_ATOMIC_ALL_OPS);

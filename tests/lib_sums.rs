@@ -11,9 +11,9 @@ mod common;
 
 use common::{Gpu, Storage, TIERS};
 use nsq_gpu::engine::sums;
-use nsq_gpu::program::df64;
 use nsq_gpu::program::layout::rng::{Sampler, splitmix64};
 use nsq_gpu::program::layout::words::Words;
+use nsq_gpu::program::rewrite::df64;
 use nsq_gpu::program::wgsl::library::{self, Integers, Real};
 
 /// Workgroup size of every shader here.

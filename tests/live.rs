@@ -21,7 +21,7 @@ use nsq_gpu::gpu::{AdapterChoice, Gpu};
 use nsq_gpu::model::SceneIr;
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::Tally;
-use nsq_gpu::trace::Shelf;
+use nsq_gpu::run::Shelf;
 use nsq_gpu::{Scene, TraceOptions, Tracer};
 use serde_json::Value;
 

@@ -8,6 +8,11 @@
 mod zoo;
 
 use glam::{DMat3, DQuat, DVec3};
+use nsq_gpu::cpu::When;
+use nsq_gpu::cpu::added::CpuExtension;
+use nsq_gpu::cpu::path::clearance::{Clearance, Sign};
+use nsq_gpu::cpu::path::main_path::{Crossing, MainPath};
+use nsq_gpu::cpu::path::side_path::SidePath;
 use nsq_gpu::model::{
     Annulus, Collimated, Conic, DetectorKind, Frame, Frustum, Interaction, Outline, Point, SceneIr, Shape,
     SourceKind, Spectrum, Sphere, Surface,
@@ -15,11 +20,6 @@ use nsq_gpu::model::{
 use nsq_gpu::program::Precision;
 use nsq_gpu::program::layout::rng::Sampler;
 use nsq_gpu::result::Tally;
-use nsq_gpu::software::When;
-use nsq_gpu::software::added::SoftwareExtension;
-use nsq_gpu::software::path::clearance::{Clearance, Sign};
-use nsq_gpu::software::path::main_path::{Crossing, MainPath};
-use nsq_gpu::software::path::side_path::SidePath;
 use nsq_gpu::{StandardError, TraceOptions, Tracer};
 use proptest::prelude::*;
 use zoo::forced::{Asked, Forced};
@@ -38,13 +38,13 @@ fn options(precision: Precision) -> TraceOptions {
 fn trace(ir: &SceneIr, options: &impl Asked) -> (Tally, Option<MainPath>) {
     let mut tracer = options.tracer(zoo::gpu(), ir).unwrap();
     let tally = tracer.trace(|_| true).unwrap();
-    (tally, SoftwareExtension::of_program(tracer.program()).main_path.clone())
+    (tally, CpuExtension::of_program(tracer.program()).main_path.clone())
 }
 
 /// Of each place that the path's rays log, how often they arrive there; none where they log entries.
 fn arrivals(ir: &SceneIr, options: &impl Asked) -> Option<Vec<usize>> {
     let tracer = with_main_path(options).tracer(zoo::gpu(), ir).unwrap();
-    let log = SoftwareExtension::of_program(tracer.program()).path_log.as_ref()?;
+    let log = CpuExtension::of_program(tracer.program()).path_log.as_ref()?;
     Some(log.places.iter().map(|place| place.arrivals.len()).collect())
 }
 
@@ -196,10 +196,7 @@ fn rays_side_by_side_have_the_same_bits() {
                 let mut tracer = with.tracer(zoo::gpu(), ir).unwrap();
                 let has_pairs = tracer.program().wgsl.contains("follow_pair");
                 assert_eq!(has_pairs, side_by_side && is_possible, "{name}, {num_rays} rays");
-                assert!(
-                    SoftwareExtension::of_program(tracer.program()).main_path.is_some(),
-                    "{name} has no path"
-                );
+                assert!(CpuExtension::of_program(tracer.program()).main_path.is_some(), "{name} has no path");
                 let traced = tracer.trace(|_| true).unwrap();
                 assert!(traced == tally, "{name}, {num_rays} rays in {precision:?}: other bits");
             }
@@ -309,7 +306,7 @@ fn what_rays_weigh_and_where_they_arrive_again_is_not_logged() {
 /// not.
 fn attenuating_legs(ir: &SceneIr, options: &TraceOptions) -> Option<u32> {
     let tracer = with_main_path(options).tracer(zoo::gpu(), ir).unwrap();
-    SoftwareExtension::of_program(tracer.program()).path_log.as_ref()?.attenuating_legs
+    CpuExtension::of_program(tracer.program()).path_log.as_ref()?.attenuating_legs
 }
 
 /// A lens whose glass takes a tenth of the light.
@@ -474,7 +471,7 @@ fn side_paths(tracer: &Tracer) -> Vec<(usize, Vec<usize>, bool)> {
         let primitives = side.path.events.iter().map(|event| event.primitive).collect();
         (side.rejected_at, primitives, side.path.missed.is_some())
     };
-    SoftwareExtension::of_program(tracer.program()).side_paths.iter().map(of).collect()
+    CpuExtension::of_program(tracer.program()).side_paths.iter().map(of).collect()
 }
 
 /// What a lens reflects back at its faces has stages of its own: nearly nothing is left to the stage of all others.
@@ -496,7 +493,7 @@ fn rays_rejected_alike_follow_side_paths() {
             let rays = rays.with(|choices| choices.stores_together = When::forced(stores_together));
             let mut tracer = with_main_path(&rays).tracer(zoo::gpu(), &ir).unwrap();
             assert_eq!(side_paths(&tracer)[..2], there_and_back, "{precision:?}");
-            let legs = SoftwareExtension::of_program(tracer.program())
+            let legs = CpuExtension::of_program(tracer.program())
                 .side_paths
                 .iter()
                 .map(|side| side.log.as_ref().unwrap().attenuating_legs);
@@ -562,7 +559,7 @@ fn rays_that_do_not_escape_as_nearly_all_have_the_same_bits() {
             let options = TraceOptions { num_rays: 100_000, ..options(precision) };
             let with = with_main_path(&options);
             let mut tracer = with.tracer(zoo::gpu(), &ir).unwrap();
-            let sides = &SoftwareExtension::of_program(tracer.program()).side_paths;
+            let sides = &CpuExtension::of_program(tracer.program()).side_paths;
             let reflected = sides.iter().find(|side| side.rejected_at == 0 && side.path.events.len() == 1);
             let missed = reflected.and_then(|side| side.path.missed.as_ref()).unwrap();
             let passed = missed.passed.iter().find(|(i, _)| *i == 3).map(|(_, passed)| kind(passed));
@@ -1119,7 +1116,7 @@ fn short_traces_and_those_that_record_rays_have_none() {
     assert!(main_path(|_| ()).is_some());
     assert!(main_path(|options| options.choices.main_path = When::ItPays).is_none());
     assert!(main_path(|options| options.choices.host_sums = When::Never).is_none());
-    assert!(main_path(|options| options.strict = nsq_gpu::trace::Strict::Off).is_none());
+    assert!(main_path(|options| options.strict = nsq_gpu::run::Strict::Off).is_none());
     assert!(main_path(|options| options.standard_error = StandardError::On).is_none());
-    assert!(main_path(|options| options.paths = nsq_gpu::trace::RecordPaths::All).is_none());
+    assert!(main_path(|options| options.paths = nsq_gpu::run::RecordPaths::All).is_none());
 }

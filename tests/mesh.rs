@@ -20,7 +20,7 @@ use nsq_gpu::model::{
 };
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{PathEvent, PathEventKind, Tally};
-use nsq_gpu::trace::RecordPaths;
+use nsq_gpu::run::RecordPaths;
 use nsq_gpu::{Scene, TraceOptions};
 use shapes::{bumpy_ball, cube, icosphere};
 

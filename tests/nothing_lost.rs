@@ -242,7 +242,7 @@ fn kill_and_go_on(sampler: &str, delays_ms: &[u64]) {
         child.kill().unwrap();
         child.wait().unwrap();
         assert!(
-            nsq_gpu::trace::checkpoint::Checkpoint::read(Path::new(&checkpoint)).is_ok(),
+            nsq_gpu::run::checkpoint::Checkpoint::read(Path::new(&checkpoint)).is_ok(),
             "a whole file is there"
         );
     }
@@ -279,7 +279,7 @@ fn an_interrupted_trace_leaves_a_checkpoint_to_go_on_from() {
     assert_eq!(output.status.code(), Some(130));
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!((&report["partial"], &report["stopped_by"]), (&Value::from(true), &Value::from("interrupt")));
-    let found = nsq_gpu::trace::checkpoint::Checkpoint::read(&checkpoint).unwrap();
+    let found = nsq_gpu::run::checkpoint::Checkpoint::read(&checkpoint).unwrap();
     assert_eq!(Some(found.tally.launched.count), report["num_rays_total"].as_u64());
 }
 

@@ -25,7 +25,7 @@ use agreement::Agreement;
 use nsq_gpu::model::{DetectorKind, RayDatabase, SceneIr};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{PathEvent, PathEventKind};
-use nsq_gpu::trace::RecordPaths;
+use nsq_gpu::run::RecordPaths;
 use nsq_gpu::{TraceOptions, TraceResult};
 use oracle::{Body, Oracle};
 

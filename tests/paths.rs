@@ -10,7 +10,7 @@ mod zoo;
 use nsq_gpu::model::{End, PathFilter, SceneIr};
 use nsq_gpu::program::{Precision, Sampler};
 use nsq_gpu::result::{Grouping, LightPath, PathSum, PathTally, Tally};
-use nsq_gpu::trace::paths::TableOptions;
+use nsq_gpu::run::paths::TableOptions;
 use nsq_gpu::{TraceOptions, Tracer};
 
 fn with_table(num_rays: u64, precision: Precision) -> TraceOptions {
@@ -238,9 +238,9 @@ fn plates(indices: &[f64], rr_start_flux: f64) -> SceneIr {
 
 /// The table of a trace, by what is a row.
 fn table(ir: &SceneIr, tally: &Tally, num_rays: u64, group: Grouping) -> Vec<LightPath> {
-    let unit = nsq_gpu::trace::paths::flux_unit(ir, tally, num_rays);
+    let unit = nsq_gpu::run::paths::flux_unit(ir, tally, num_rays);
     let options = TableOptions { group, ..TableOptions::default() };
-    nsq_gpu::trace::paths::table(ir, tally, unit, Sampler::Pcg, &options).paths
+    nsq_gpu::run::paths::table(ir, tally, unit, Sampler::Pcg, &options).paths
 }
 
 fn reflectance(n: f64) -> f64 {

@@ -48,7 +48,7 @@ fn every_scene_gives_the_committed_bits() {
         differ,
         Vec::<&String>::new(),
         "with{} the wing",
-        if cfg!(feature = "software") { "" } else { "out" }
+        if cfg!(feature = "cpu") { "" } else { "out" }
     );
     assert_eq!(committed.len(), found.len());
 }

@@ -11,8 +11,8 @@ use glam::DVec3;
 use nsq_gpu::model::{DetectorKind, SceneIr};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{PathEvent, PathEventKind};
-use nsq_gpu::trace::RecordPaths;
-use nsq_gpu::trace::auto_precision::{Need, Wanted, arrivals, choose, predict, quantile};
+use nsq_gpu::run::RecordPaths;
+use nsq_gpu::run::precision::{Need, Wanted, arrivals, choose, predict, quantile};
 use std::collections::HashMap;
 
 const RAYS: u64 = 2_000;

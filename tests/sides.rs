@@ -9,13 +9,13 @@ mod command;
 mod zoo;
 
 use command::{command, run, stderr};
+use nsq_gpu::cpu::When;
 use nsq_gpu::model::SceneIr;
 use nsq_gpu::model::sides::{MOST_WORK, WrongSides};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{RunInfo, Tally};
+use nsq_gpu::run::Strict;
 use nsq_gpu::scene::notes;
-use nsq_gpu::software::When;
-use nsq_gpu::trace::Strict;
 use nsq_gpu::{Scene, TraceOptions, TraceResult};
 use serde_json::{Value, json};
 use zoo::forced::Asked;

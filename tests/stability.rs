@@ -8,10 +8,10 @@ mod zoo;
 
 use nsq_gpu::TraceResult;
 use nsq_gpu::bench::stability::{Row, StabilityCase, cases, faults, table};
+use nsq_gpu::cpu::When;
 use nsq_gpu::gpu::Gpu;
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::DetectorData;
-use nsq_gpu::software::When;
 use zoo::forced::{Asked, Forced};
 
 fn precisions(gpu: &Gpu) -> Vec<Precision> {

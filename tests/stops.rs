@@ -187,7 +187,7 @@ fn fewer_rays_of_a_trace_never_take_the_place_of_more() {
     stop(&mut first, Duration::from_secs(3), "INT");
     let output = first.wait_with_output().unwrap();
     let before = fs::read(&file).unwrap();
-    let rays = nsq_gpu::trace::checkpoint::Checkpoint::read(Path::new(&file)).unwrap().tally.launched.count;
+    let rays = nsq_gpu::run::checkpoint::Checkpoint::read(Path::new(&file)).unwrap().tally.launched.count;
     assert!(rays > 0 && rays < 100_000_000, "{rays}: {}", stderr(&output));
     // The same trace from its beginning, ended at once.
     let again = [&trace[..], &["--time-limit", "1ms", "--checkpoint-interval", "1ms"]].concat();

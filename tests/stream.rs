@@ -13,7 +13,7 @@ use nsq_gpu::model::SceneIr;
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::output::write_all;
 use nsq_gpu::result::{DetectorData, Recording, RunInfo};
-use nsq_gpu::trace::RecordPaths;
+use nsq_gpu::run::RecordPaths;
 use nsq_gpu::{TraceOptions, TraceResult, Tracer};
 
 /// Two databases, both hit, and more than one block of rows in each of them and in the paths.

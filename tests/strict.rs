@@ -9,7 +9,7 @@ use nsq_gpu::gpu::{AdapterChoice, AdapterClass, Gpu, Ways, list_adapters};
 use nsq_gpu::model::SceneIr;
 use nsq_gpu::program::{Precision, Sampler};
 use nsq_gpu::result::Tally;
-use nsq_gpu::trace::{RecordPaths, Strict};
+use nsq_gpu::run::{RecordPaths, Strict};
 use nsq_gpu::{Error, TraceOptions, Tracer};
 use std::collections::BTreeSet;
 use zoo::devices::Devices;

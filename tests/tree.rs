@@ -18,7 +18,7 @@ use nsq_gpu::model::{
 };
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::Tally;
-use nsq_gpu::trace::RecordPaths;
+use nsq_gpu::run::RecordPaths;
 use shapes::{bumpy_ball, cube};
 use zoo::draws::Draws;
 use zoo::forced::Asked;

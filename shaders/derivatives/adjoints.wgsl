@@ -2,7 +2,7 @@
 // what the loss gains by a change of the ray (the adjoint): from the ray after the event to the ray before, and to the
 // numbers of the scene. Twin of tangents.wgsl.
 //
-// program::adjoints writes the functions that are empty here. A name that ends in `_back` means the function of the name
+// program::rewrite::transpose writes the functions that are empty here. A name that ends in `_back` means the function of the name
 // without this end: it takes that function's arguments, then pointers to adjoints of those that hold reals, then the adjoint of
 // the result. Source: Griewank and Walther, Evaluating Derivatives (2008), section 3.2: reverse propagation of gradients.
 
@@ -36,7 +36,7 @@ fn adjoint_of(cell: u32) -> real {
     return cell_adjoints[cell - FIRST_DETECTOR_CELL];
 }
 
-// What functions note whose way back is made of forward derivatives (program::adjoints::loops).
+// What functions note whose way back is made of forward derivatives (program::rewrite::transpose::loops).
 var<private> forward_noted: real;
 
 fn deposit_tangent(cell: u32, tangent: real, number: u32) {

@@ -1,4 +1,4 @@
-// Forward derivatives: tangents go beside reals, and to sums of their own (program::tangents). Twin of adjoints.wgsl.
+// Forward derivatives: tangents go beside reals, and to sums of their own (program::rewrite::jvp). Twin of adjoints.wgsl.
 
 // Adds a tangent to a copy of the detectors' cells. A parameter has two: one for tangents above zero, and one for those below.
 // So a tangent takes one atomic, as a weight does. A tangent that no sum can hold is counted, and nothing is added.

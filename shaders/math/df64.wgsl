@@ -1,5 +1,5 @@
 // Double-word arithmetic: a real as the unevaluated sum of two f32, (high, low), where high is the sum rounded to
-// nearest. The host rewrites every f64 of the other files into these (program::df64).
+// nearest. The host rewrites every f64 of the other files into these (program::rewrite::df64).
 // Algorithms and bounds: Joldes, Muller and Popescu, Tight and rigorous error bounds for basic building blocks of
 // double-word arithmetic (ACM TOMS 44(2), 2017); Lefevre, Louvet, Muller, Picot and Rideau, Accurate calculation of
 // Euclidean norms using double-word arithmetic (ACM TOMS 49(1), 2023). u = 2^-24.
@@ -8,7 +8,7 @@
 // could otherwise simplify the result, as (a + b) - a to b, fuse it with what follows, or reorder it.
 //
 // The zero lies in a storage buffer, because drivers may compile in the contents of uniforms, as Mesa's lavapipe does.
-// Entry points copy it (program::df64).
+// Entry points copy it (program::rewrite::df64).
 @group(GROUP_SCENE) @binding(BINDING_DF64_ZERO) var<storage, read> df64_zero_source: u32;
 var<private> df64_zero: u32;
 

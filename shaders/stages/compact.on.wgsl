@@ -10,7 +10,7 @@ struct PackedRay {
     direction_z: real,
     weight: real,
     index: u32,
-    // The bounce count, in the low 20 bits. Above it: entries of the log so far (software/log/passes.logged.wgsl).
+    // The bounce count, in the low 20 bits. Above it: entries of the log so far (cpu/log/passes.logged.wgsl).
     bounce: u32,
     last: u32,
     // Wavelength in the low 16 bits, medium in the next 14, then forward and entered_solid.

@@ -1,4 +1,4 @@
-// An invocation of trace_new follows one ray. Twin of software/rays.several.wgsl.
+// An invocation of trace_new follows one ray. Twin of cpu/rays.several.wgsl.
 
 fn follow_rays(invocation: u32) -> Ray {
     return follow_new(invocation);

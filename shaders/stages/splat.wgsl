@@ -122,7 +122,7 @@ fn bilinear_taps(detector: Detector, p: vec3<real>, base: u32, stride: u32, hit:
 }
 
 // The weight that each of the first three taps takes. The twins on the host are `parts` and `first_shares` in
-// software::log::reals.
+// cpu::log::reals.
 fn first_shares(weight: real, f: vec2<real>) -> vec3<real> {
     return vec3<real>(
         weight * ((1.0 - f.x) * (1.0 - f.y)), weight * (f.x * (1.0 - f.y)), weight * ((1.0 - f.x) * f.y),

@@ -81,7 +81,7 @@ struct Range {
     // The seed's words in the row of step 0 (program::layout::rng::step_table).
     seed_lo: u32,
     seed_hi: u32,
-    // The stride in the log from an entry of a ray to its next (software/log/passes.logged.wgsl).
+    // The stride in the log from an entry of a ray to its next (cpu/log/passes.logged.wgsl).
     log_stride: u32,
     // The primitives that earlier passes reached, a bit each (sums/reached.bits.wgsl).
     reached: u32,

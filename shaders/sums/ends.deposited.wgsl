@@ -1,4 +1,4 @@
-// The device adds up where rays end. In the twin software/log/ends.logged.wgsl, the host does.
+// The device adds up where rays end. In the twin cpu/log/ends.logged.wgsl, the host does.
 
 fn end_in(cell: u32, weight: real) {
     deposit_counted(cell, weight);

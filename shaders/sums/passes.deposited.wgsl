@@ -1,4 +1,4 @@
-// The device adds up what rays leave on detectors in passing. In the twin software/log/passes.logged.wgsl, the host
+// The device adds up what rays leave on detectors in passing. In the twin cpu/log/passes.logged.wgsl, the host
 // does.
 
 fn log_pass(index: u32) {}

@@ -1,7 +1,7 @@
 //! The cases to measure: scenes in the form of files that users trace, so that every peer reads the same files.
 
 use crate::program::Precision;
-use crate::trace::TraceOptions;
+use crate::run::TraceOptions;
 use serde_json::{Value, json};
 
 /// One scene, and the number of rays to trace.

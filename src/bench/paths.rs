@@ -3,12 +3,12 @@
 
 use crate::bench::Summary;
 use crate::bench::cases::{Case, Kind};
+use crate::cpu::{Choices, When};
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::program::Precision;
+use crate::run::{StandardError, TraceOptions, Tracer};
 use crate::scene::Scene;
-use crate::software::{Choices, When};
-use crate::trace::{StandardError, TraceOptions, Tracer};
 use std::fmt::Write;
 use std::time::Instant;
 

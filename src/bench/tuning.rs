@@ -6,8 +6,8 @@ use crate::engine::tuning::{EVENTS_PER_DISPATCH, Tuning, WORKGROUP_SIZES};
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::program::Precision;
+use crate::run::{TraceOptions, Tracer};
 use crate::scene::Scene;
-use crate::trace::{TraceOptions, Tracer};
 use std::fmt::Write;
 use std::time::Instant;
 

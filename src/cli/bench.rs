@@ -13,13 +13,13 @@ use crate::bench::{
 use crate::cli::console::say;
 use crate::cli::output_file::OutputFile;
 use crate::count;
+use crate::cpu::vector_width::{self, Width};
 use crate::engine::tuning::Tuning;
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu};
 use crate::program::Precision;
 use crate::result::output;
 use crate::scene::Scene;
-use crate::software::vector_width::{self, Width};
 use clap::ValueEnum;
 use serde_json::Value;
 use std::path::{Path, PathBuf};

@@ -1,11 +1,11 @@
 //! What commands share: reading a scene, messages on stderr, printing the result.
 
+#[cfg(feature = "cpu")]
+use crate::cpu::vector_width::Width;
 use crate::error::{Error, Result};
 use crate::format::{for_terminal, path_text};
 use crate::model::SceneIr;
 use crate::scene::Scene;
-#[cfg(feature = "software")]
-use crate::software::vector_width::Width;
 use std::io::Write;
 use std::path::Path;
 
@@ -49,18 +49,18 @@ pub(crate) fn say(text: &str) {
 
 /// Lets lavapipe compute in vectors as wide as suits this trace. Must be called before other threads and adapters.
 /// [`crate::cli::main`] demands that no other threads run, and each command calls this before it asks for an adapter.
-#[cfg_attr(not(feature = "software"), allow(unused_variables, reason = "the driver's own width is taken"))]
+#[cfg_attr(not(feature = "cpu"), allow(unused_variables, reason = "the driver's own width is taken"))]
 pub(crate) fn choose_vectors(ir: &SceneIr, num_rays: u64, in_f64: bool) {
-    #[cfg(feature = "software")]
+    #[cfg(feature = "cpu")]
     choose_width(Width::of_command(ir, num_rays, in_f64));
 }
 
 /// As [`choose_vectors`], with this width.
-#[cfg(feature = "software")]
+#[cfg(feature = "cpu")]
 pub(crate) fn choose_width(width: Width) {
     // SAFETY: no other thread runs yet, and no adapter was asked for.
     #[allow(unsafe_code)]
     unsafe {
-        crate::software::vector_width::choose(width);
+        crate::cpu::vector_width::choose(width);
     }
 }

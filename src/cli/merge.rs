@@ -7,8 +7,8 @@ use crate::error::{Error, Result};
 use crate::format::path_text;
 use crate::model::{Precision, SceneIr};
 use crate::result::{PathTally, RaySet, RunInfo, Tally, TraceResult, output};
+use crate::run::checkpoint::{Checkpoint, Identity};
 use crate::scene::Scene;
-use crate::trace::checkpoint::{Checkpoint, Identity};
 use std::path::{Path, PathBuf};
 
 /// Arguments of `nsq-gpu merge`.
@@ -48,7 +48,7 @@ pub fn run(args: &Args) -> Result<String> {
         other => other,
     })?;
     let ir = scene.lower()?;
-    if crate::trace::checkpoint::scene_hash(&ir) != parts[0].identity.scene_hash {
+    if crate::run::checkpoint::scene_hash(&ir) != parts[0].identity.scene_hash {
         return Err(Error::Usage(format!(
             "the scene in {} is not, or no longer, the one that {} was traced of; name that one by --scene",
             path_text(&path),

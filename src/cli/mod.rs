@@ -3,7 +3,7 @@
 //! stdout carries the result alone; progress, warnings and errors go to stderr.
 
 mod adapters;
-#[cfg(feature = "software")]
+#[cfg(feature = "cpu")]
 mod bench;
 mod check;
 mod compare;
@@ -67,7 +67,7 @@ enum Command {
     /// List the adapters that can trace.
     Adapters(adapters::Args),
     /// Measure how fast scenes are traced, alone or against other programs.
-    #[cfg(feature = "software")]
+    #[cfg(feature = "cpu")]
     Bench(bench::Args),
     /// Show a material of the catalog: its entry, its source, n and k over the wavelength.
     Materials(materials::Args),
@@ -84,7 +84,7 @@ enum Command {
 }
 
 /// Runs the command, and returns the exit code of its error. Must be called before other threads run, because it may
-/// set an environment variable (`crate::software::vector_width`).
+/// set an environment variable (`crate::cpu::vector_width`).
 pub fn main() -> ExitCode {
     let start = Instant::now();
     quiet_drivers();
@@ -100,7 +100,7 @@ pub fn main() -> ExitCode {
         Command::Diff(args) => diff::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Adapters(args) => adapters::run(&args),
-        #[cfg(feature = "software")]
+        #[cfg(feature = "cpu")]
         Command::Bench(args) => bench::run(&args),
         Command::Materials(args) => materials::run(&args),
         Command::Shader(args) => shader::run(&args),

@@ -15,9 +15,9 @@ use crate::result::{
     Detector, FluxUnit, Grouping, LightPath, PathTable, RunInfo, Sorting, StoppedBy, Tally, TraceResult,
     output,
 };
-use crate::trace::paths::{PathMap, TableOptions, detector_of, flux_unit, table_with_maps};
-use crate::trace::stopping::Stopping;
-use crate::trace::{StandardError, TraceOptions, Tracer, auto_precision};
+use crate::run::paths::{PathMap, TableOptions, detector_of, flux_unit, table_with_maps};
+use crate::run::stopping::Stopping;
+use crate::run::{StandardError, TraceOptions, Tracer, precision};
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::time::Instant;
@@ -159,7 +159,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         ..options
     }
     .tuned(&gpu.info);
-    let choice = auto_precision::choose(&gpu, &ir, &options, args.trace.wanted())?;
+    let choice = precision::choose(&gpu, &ir, &options, args.trace.wanted())?;
     let options = TraceOptions { precision: choice.precision, ..options };
     let mut tracer = Tracer::new(&gpu, &ir, &options)?;
     let mut stopping = Stopping::new(&ir, args.trace.target_error, args.trace.time_limit);

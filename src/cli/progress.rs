@@ -2,8 +2,8 @@
 
 use crate::cli::console::say;
 use crate::cli::trace_args::TraceArgs;
-use crate::trace;
-use crate::trace::stopping::Stopping;
+use crate::run;
+use crate::run::stopping::Stopping;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::{Value, json};
 use std::time::{Duration, Instant};
@@ -43,7 +43,7 @@ pub struct Status {
 impl Status {
     /// The state after a pass of a trace that began with `begun` rays.
     pub(crate) fn of(
-        progress: &trace::Progress<'_, '_>,
+        progress: &run::Progress<'_, '_>,
         stopping: &Stopping,
         args: &TraceArgs,
         begun: u64,

@@ -5,7 +5,7 @@ use crate::cli::trace_args::{PrecisionArg, wanted};
 use crate::error::Result;
 use crate::gpu::{AdapterChoice, Gpu};
 use crate::program::Precision;
-use crate::trace::{TraceOptions, Tracer, auto_precision};
+use crate::run::{TraceOptions, Tracer, precision};
 use std::path::PathBuf;
 
 /// Arguments of `nsq-gpu shader`.
@@ -33,11 +33,11 @@ pub fn run(args: &Args) -> Result<String> {
     choose_vectors(&ir, options.num_rays, in_f64);
     let gpu = Gpu::open(&AdapterChoice::of_command(args.adapter.as_deref(), args.portable))?;
     let options = options.tuned(&gpu.info);
-    let precision = auto_precision::choose(&gpu, &ir, &options, wanted(args.precision))?.precision;
+    let precision = precision::choose(&gpu, &ir, &options, wanted(args.precision))?.precision;
     let tracer = Tracer::new(&gpu, &ir, &TraceOptions { precision, ..options })?;
     let program = tracer.program();
     let pairs = match precision {
-        Precision::Df64 => ", whose f64 are then rewritten as pairs of f32 (program::df64)",
+        Precision::Df64 => ", whose f64 are then rewritten as pairs of f32 (program::rewrite::df64)",
         Precision::F32 | Precision::F64 => "",
     };
     let of = args.scene.display();

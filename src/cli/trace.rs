@@ -14,12 +14,12 @@ use crate::program::Precision;
 use crate::result::StoppedBy;
 use crate::result::png::Style;
 use crate::result::{Recording, RunInfo, StageTime, Tally, TraceResult, output, report};
+use crate::run::checkpoint::{self, Checkpoint, Identity};
+use crate::run::gradients::{Differentiated, How};
+use crate::run::precision::{self, Choice, Wanted};
+use crate::run::stopping::Stopping;
+use crate::run::{self, RecordPaths, TraceOptions, Tracer};
 use crate::scene::Scene;
-use crate::trace::auto_precision::{self, Choice, Wanted};
-use crate::trace::checkpoint::{self, Checkpoint, Identity};
-use crate::trace::gradients::{Differentiated, How};
-use crate::trace::stopping::Stopping;
-use crate::trace::{self, RecordPaths, TraceOptions, Tracer};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -241,7 +241,7 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
     let gpu = Gpu::open(&AdapterChoice::of_command(args.adapter.as_deref(), args.portable))?;
     let max_depth = args.trace.max_depth.unwrap_or_else(|| crate::model::depth::of_scene(ir));
     let options = TraceOptions { max_depth, ..args.trace.options(ir)? }.tuned(&gpu.info);
-    let choice = auto_precision::choose(&gpu, ir, &options, args.trace.wanted())?;
+    let choice = precision::choose(&gpu, ir, &options, args.trace.wanted())?;
     let options = TraceOptions { precision: choice.precision, ..options };
     let of_edges = if args.gradient_edges { 2 * names.len() as u64 } else { 0 };
     let num_rays = (differentiated.num_passes() + of_edges) * options.num_rays;
@@ -308,9 +308,9 @@ impl<'scope> Choosing<'scope> {
         wanted: Wanted,
     ) -> Result<Self> {
         if wanted != Wanted::Exactly(Precision::F32) {
-            return auto_precision::choose(gpu, ir, options, wanted).map(Choosing::Chosen);
+            return precision::choose(gpu, ir, options, wanted).map(Choosing::Chosen);
         }
-        let predict = move || auto_precision::choose(&gpu.open_again()?, ir, options, wanted);
+        let predict = move || precision::choose(&gpu.open_again()?, ir, options, wanted);
         Ok(Choosing::Predicting(scope.spawn(predict)))
     }
 
@@ -563,7 +563,7 @@ struct Session<'a> {
 
 impl Session<'_> {
     /// Shows the progress, writes a checkpoint if one is due, and decides whether to go on.
-    fn after_pass(&mut self, progress: &mut trace::Progress) -> Result<bool> {
+    fn after_pass(&mut self, progress: &mut run::Progress) -> Result<bool> {
         self.stopped_by = self.stopping.after_pass(self.ir, progress)?;
         if self.stop.load(Ordering::Relaxed) {
             self.stopped_by = Some(StoppedBy::Interrupt);

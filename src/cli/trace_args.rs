@@ -6,8 +6,8 @@ use crate::engine::options::MOST_PATH_ROWS;
 use crate::error::{Error, Result};
 use crate::model::{PathFilter, ReflectProb, Sampling, SceneIr};
 use crate::program::{Precision, Sampler};
-use crate::trace::auto_precision::Wanted;
-use crate::trace::{StandardError, Strict, TraceOptions};
+use crate::run::precision::Wanted;
+use crate::run::{StandardError, Strict, TraceOptions};
 use std::sync::Arc;
 use std::time::Duration;
 

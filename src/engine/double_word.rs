@@ -6,8 +6,8 @@
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::gpu::compute::bindings_of;
-use crate::program::df64::{self, join, split};
 use crate::program::layout::bindings;
+use crate::program::rewrite::df64::{self, join, split};
 use std::fmt::Write;
 
 /// The number of pairs on which every operation is tested.

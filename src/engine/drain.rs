@@ -80,7 +80,7 @@ impl Engine<'_> {
         Ok(())
     }
 
-    /// Fails if the driver has left loops before their end (shaders/software/rounds.many.wgsl).
+    /// Fails if the driver has left loops before their end (shaders/cpu/rounds.many.wgsl).
     pub(crate) fn check_loops(&self, strategy: &dyn Strategy) -> Result<()> {
         let program = &self.plan.program;
         if !program.options.has_many_rounds(&program.features) {
@@ -121,7 +121,7 @@ mod tests {
     use crate::engine::strategy::Plain;
     use crate::engine::wavefront;
     use crate::gpu::{AdapterChoice, Gpu};
-    use crate::trace::StandardError;
+    use crate::run::StandardError;
 
     /// Two mirrors between which a part of the light is caught.
     const TRAP: &str = r#"{"nsq_schema_version": 1,

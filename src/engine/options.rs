@@ -4,7 +4,7 @@ use crate::engine::tuning::Tuning;
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterInfo, Gpu};
 use crate::model::{PathFilter, depth};
-use crate::program::tangents::Tangents;
+use crate::program::rewrite::jvp::Tangents;
 use crate::program::{PathSampling, Precision, Sampler};
 use crate::result::RunInfo;
 use std::sync::Arc;

@@ -3,8 +3,9 @@
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::gpu::compute::bindings_of;
+use crate::program::Precision;
 use crate::program::layout::bindings;
-use crate::program::{Precision, df64};
+use crate::program::rewrite::df64;
 use std::time::Instant;
 
 /// Multiply-adds per second.

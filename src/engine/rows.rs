@@ -5,7 +5,8 @@ use crate::engine::plan::Plan;
 use crate::error::{Error, Result};
 use crate::model::ray_id;
 use crate::program::layout::reals::StructLayout;
-use crate::program::{Precision, RayRange, Splitting, df64, events};
+use crate::program::rewrite::df64;
+use crate::program::{Precision, RayRange, Splitting, events};
 use crate::result::{PathEvent, PathEventKind, RayRow, Recorded, Recording, Tally};
 
 /// Rows that are not yet in a tally.

@@ -12,7 +12,7 @@ use crate::format::shown;
 use crate::model::{Precision, SceneIr};
 use crate::program::layout::bindings;
 use crate::program::parsed::Parsed;
-use crate::program::tangents::{BINDING_STRIDE, Parameter, place_reals, take_reals};
+use crate::program::rewrite::jvp::{BINDING_STRIDE, Parameter, place_reals, take_reals};
 use crate::program::wgsl::extension::NoExtension;
 use crate::program::{Program, ProgramOptions};
 use rayon::prelude::*;

@@ -1,5 +1,5 @@
 //! Walks the rays of a trace back, from adjoints of the detectors' cells to those of the scene's numbers
-//! ([`crate::program::adjoints`]).
+//! ([`crate::program::rewrite::transpose`]).
 
 use crate::engine::device::DeviceState;
 use crate::engine::dispatch::submit_alone;
@@ -13,10 +13,10 @@ use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::model::{Precision, SceneIr};
 use crate::program::RayRange;
-use crate::program::adjoints::{Layout, NUM_OTHER_SUMS};
 use crate::program::layout::bindings;
 use crate::program::layout::reals::put_real;
 use crate::program::parsed::Parsed;
+use crate::program::rewrite::transpose::{Layout, NUM_OTHER_SUMS};
 use crate::program::wgsl::extension::NoExtension;
 use naga::Scalar;
 use std::sync::Arc;

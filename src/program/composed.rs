@@ -244,7 +244,7 @@ impl Program {
     /// The entry point that follows new rays.
     pub fn entry_point(&self) -> &'static str {
         match (self.options.adjoints, self.features.splits) {
-            (true, _) => crate::program::adjoints::ENTRY_POINT,
+            (true, _) => crate::program::rewrite::transpose::ENTRY_POINT,
             (false, true) => "trace_split",
             (false, false) => "trace_new",
         }

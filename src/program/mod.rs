@@ -1,10 +1,6 @@
 //! From the flat scene to what the GPU runs: features, specialised WGSL and packed buffers.
 
-#[allow(clippy::wildcard_enum_match_arm, reason = "of what naga has, it is refused what shaders do not use")]
-pub mod adjoints;
 mod composed;
-#[allow(clippy::wildcard_enum_match_arm, reason = "of what naga has, it is refused what shaders do not use")]
-pub mod df64;
 pub mod events;
 pub mod features;
 pub mod geometry;
@@ -13,9 +9,7 @@ pub mod options;
 pub mod parsed;
 pub mod prepared;
 #[allow(clippy::wildcard_enum_match_arm, reason = "of what naga has, it is refused what shaders do not use")]
-mod statements;
-#[allow(clippy::wildcard_enum_match_arm, reason = "of what naga has, it is refused what shaders do not use")]
-pub mod tangents;
+pub mod rewrite;
 pub mod wgsl;
 
 pub use crate::model::Precision;

@@ -176,7 +176,7 @@ impl ProgramOptions {
     }
 
     /// Rays that an invocation walks back, one after the other: fewer where loops make many rounds. A Gaussian splat is gone over
-    /// five times on the way back (program::adjoints::loops).
+    /// five times on the way back (program::rewrite::transpose::loops).
     fn rays_walked_back(&self, features: &Features) -> u32 {
         let side = 2 * u64::from(features.splat_radius) + 1;
         let rounds_of_splat = side.saturating_mul(5 * (side + 2));
@@ -197,7 +197,7 @@ impl ProgramOptions {
         self.bakes_records() && ir.media.len() * ir.wavelengths.len() <= MOST_CHOSEN
     }
 
-    /// True if the loops of an invocation may make more rounds than some driver allows (shaders/software/rounds.many.wgsl): not if
+    /// True if the loops of an invocation may make more rounds than some driver allows (shaders/cpu/rounds.many.wgsl): not if
     /// there are those over its events alone, and few of these.
     pub fn has_many_rounds(&self, features: &Features) -> bool {
         let [.., gaussian] = features.splats;

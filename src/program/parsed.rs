@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::model::Precision;
-use crate::program::{adjoints, df64, tangents};
+use crate::program::rewrite::{df64, jvp, transpose};
 use naga::Scalar;
 
 /// A composed module, parsed, and in df64 rewritten.
@@ -25,12 +25,12 @@ impl Parsed {
         let module = naga::front::wgsl::parse_str(&wgsl)
             .map_err(|e| Error::Internal(format!("the composed shader: {}", e.emit_to_string(&wgsl))))?;
         let real = if precision == Precision::F32 { Scalar::F32 } else { Scalar::F64 };
-        let (module, with_derivatives) = match tangents::num_tangents(&module) {
-            0 if adjoints::has_adjoints(&module) => {
-                adjoints::rewrite(&module, real).map(|(module, wgsl)| (module, Some(wgsl)))?
+        let (module, with_derivatives) = match jvp::num_tangents(&module) {
+            0 if transpose::has_adjoints(&module) => {
+                transpose::rewrite(&module, real).map(|(module, wgsl)| (module, Some(wgsl)))?
             }
             0 => (module, None),
-            num => tangents::rewrite(&module, real, num).map(|(module, wgsl)| (module, Some(wgsl)))?,
+            num => jvp::rewrite(&module, real, num).map(|(module, wgsl)| (module, Some(wgsl)))?,
         };
         let (module, rewritten) = match precision {
             Precision::Df64 => df64::rewrite(&module).map(|(module, wgsl)| (module, Some(wgsl)))?,

@@ -9,9 +9,9 @@ use crate::result::{
     DetectorTally, FluxSum, FluxUnit, Grouping, PathColumns, PathEvent, PathTable, RayPaths, RowWriter,
     Sorting, Tally,
 };
-use crate::trace::paths::{PathMap, TableOptions, flux_unit, table_with_maps};
-use crate::trace::stopping::Stopping;
-use crate::trace::{RecordPaths, StandardError, Strict, TraceOptions, Tracer};
+use crate::run::paths::{PathMap, TableOptions, flux_unit, table_with_maps};
+use crate::run::stopping::Stopping;
+use crate::run::{RecordPaths, StandardError, Strict, TraceOptions, Tracer};
 use crate::viewer::tracing::{Background, Device, LoadedScene, Notify, PASS_TIME, RunOptions, trace_options};
 use glam::DVec3;
 use std::collections::HashMap;

@@ -17,10 +17,10 @@ use crate::gpu::{AdapterChoice, Gpu};
 use crate::model::{PathFilter, SceneIr};
 use crate::program::Precision;
 use crate::result::{PathColumns, RunInfo, Tally, TraceResult};
+use crate::run::precision::{self, Choice, Wanted};
+use crate::run::stopping::Stopping;
+use crate::run::{Progress, RecordPaths, StandardError, TraceOptions, Tracer};
 use crate::scene::Scene;
-use crate::trace::auto_precision::{self, Choice, Wanted};
-use crate::trace::stopping::Stopping;
-use crate::trace::{Progress, RecordPaths, StandardError, TraceOptions, Tracer};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
@@ -258,7 +258,7 @@ pub(super) fn trace_options(options: &RunOptions, gpu: &Gpu, ir: &SceneIr) -> Re
         ..TraceOptions::default().tuned(&gpu.info)
     };
     let wanted = options.precision.map_or(Wanted::Auto, Wanted::Exactly);
-    let choice = auto_precision::choose(gpu, ir, &traced, wanted)?;
+    let choice = precision::choose(gpu, ir, &traced, wanted)?;
     Ok((TraceOptions { precision: choice.precision, ..traced }, choice))
 }
 

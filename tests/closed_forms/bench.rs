@@ -5,7 +5,7 @@ use glam::DVec3;
 use nsq_gpu::gpu::{Gpu, list_adapters};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{DetectorData, FarFieldPattern, IrradianceMap, RayPaths, RunInfo, SpectralMap};
-use nsq_gpu::trace::RecordPaths;
+use nsq_gpu::run::RecordPaths;
 use nsq_gpu::{Scene, TraceOptions, TraceResult, Tracer};
 use serde_json::{Map, Value, json};
 use std::io::Write;

@@ -1,7 +1,7 @@
 //! A small harness that runs WGSL on the adapter, for tests.
 #![allow(dead_code, reason = "each test binary compiles the harness and uses its part of it")]
 
-use nsq_gpu::program::df64;
+use nsq_gpu::program::rewrite::df64;
 use nsq_gpu::program::wgsl::library::{Integers, Real};
 use std::io::Write;
 use wgpu::util::DeviceExt;

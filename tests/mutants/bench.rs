@@ -2,12 +2,13 @@
 
 use crate::table::Mutant;
 use crate::zoo;
+use nsq_gpu::cpu::{Choices, When};
 use nsq_gpu::engine::path_maps::{PathMaps, WantedMaps, Watched, trace_maps};
 use nsq_gpu::gpu::{Gpu, list_adapters};
 use nsq_gpu::model::{DetectorKind, RayDatabase, SceneIr};
-use nsq_gpu::program::{Precision, df64};
+use nsq_gpu::program::Precision;
+use nsq_gpu::program::rewrite::df64;
 use nsq_gpu::result::{RunInfo, Tally, TraceResult};
-use nsq_gpu::software::{Choices, When};
 use nsq_gpu::{Error, Scene, TraceOptions, Tracer};
 use std::cell::Cell;
 use std::path::{Path, PathBuf};

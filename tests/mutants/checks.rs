@@ -5,6 +5,7 @@ use crate::closed_forms;
 use crate::oracle::Oracle;
 use nsq_gpu::StandardError;
 use nsq_gpu::bench::stability::{StabilityCase, cases};
+use nsq_gpu::cpu::When;
 use nsq_gpu::engine::path_maps::{PathMaps, Watched};
 use nsq_gpu::model::surface_optics::splits;
 use nsq_gpu::model::{Detector, DetectorKind, End, Interaction, PathFilter, SceneIr, Sequence, Splat};
@@ -12,8 +13,7 @@ use nsq_gpu::program::Precision;
 use nsq_gpu::result::paths::Places;
 use nsq_gpu::result::{DetectorTally, PathEventKind, Tally};
 use nsq_gpu::result::{FluxSum, PathSum};
-use nsq_gpu::software::When;
-use nsq_gpu::trace::RecordPaths;
+use nsq_gpu::run::RecordPaths;
 use std::collections::BTreeMap;
 
 /// A check; its error says what was wrong.

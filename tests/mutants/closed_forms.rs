@@ -17,7 +17,7 @@ use nsq_gpu::model::{
 use nsq_gpu::program::layout::rng;
 use nsq_gpu::program::{Precision, Sampler};
 use nsq_gpu::result::{DetectorData, Ledger, PathEvent, PathEventKind, RayRow, Tally};
-use nsq_gpu::trace::RecordPaths;
+use nsq_gpu::run::RecordPaths;
 use nsq_gpu::{StandardError, TraceResult};
 
 /// The closed form of this name.

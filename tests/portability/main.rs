@@ -206,11 +206,9 @@ fn what_is_private_has_a_first_value_in_its_line() {
         let declares = |line: &&str| line.starts_with("var<private> ") && line.ends_with(';');
         text.lines().filter(declares).filter(|line| line.contains(": ") && line.contains(" = ")).count()
     };
-    for file in [
-        "software/path/main_path.wgsl",
-        "software/path/path_log.arrivals.wgsl",
-        "software/path/path_losses.reported.wgsl",
-    ] {
+    for file in
+        ["cpu/path/main_path.wgsl", "cpu/path/path_log.arrivals.wgsl", "cpu/path/path_losses.reported.wgsl"]
+    {
         let files = snapshots::shader_files();
         let (_, text) = files.iter().find(|(path, _)| path == file).unwrap();
         assert_eq!(found(text), private(text), "{file}");

@@ -1,6 +1,8 @@
 //! Scenes and options that bring in each feature: alone, in pairs, and all at once.
 
 use glam::{DMat3, DVec2, DVec3};
+use nsq_gpu::cpu::added::Wanted;
+use nsq_gpu::cpu::path::main_path::{PilotPath, Way};
 use nsq_gpu::model::ShapeKind;
 use nsq_gpu::model::StepKind;
 use nsq_gpu::model::path_filter::{Comparison, Count, Events, Mark, Part, PathFilter, Pattern, Term};
@@ -19,8 +21,6 @@ use nsq_gpu::program::wgsl::extension::Extend;
 use nsq_gpu::program::{
     PathSampling, PathSums, Precision, Program, ProgramOptions, Sampler, SecondMoments, SourceFunction,
 };
-use nsq_gpu::software::added::Wanted;
-use nsq_gpu::software::path::main_path::{PilotPath, Way};
 use std::sync::Arc;
 
 /// How a scene is compiled.

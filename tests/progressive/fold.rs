@@ -2,9 +2,9 @@
 
 use crate::zoo;
 use crate::zoo::forced::{Asked, Forced};
+use nsq_gpu::cpu::When;
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{FluxUnit, Ledger, Tally};
-use nsq_gpu::software::When;
 use nsq_gpu::{Error, StandardError, TraceOptions, Tracer};
 use std::time::Duration;
 

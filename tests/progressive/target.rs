@@ -6,7 +6,7 @@ use nsq_gpu::program::Precision;
 use nsq_gpu::result::StoppedBy;
 use nsq_gpu::result::Tally;
 use nsq_gpu::result::uncertainty::worst_relative_error;
-use nsq_gpu::trace::stopping::Stopping;
+use nsq_gpu::run::stopping::Stopping;
 use nsq_gpu::{StandardError, TraceOptions, Tracer};
 
 /// A trace that was stopped by its target.

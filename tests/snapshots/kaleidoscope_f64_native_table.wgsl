@@ -78,7 +78,7 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 // <- shaders/detectors/spectral.wgsl
 // <- shaders/stages/ids.range.wgsl
 // <- shaders/stages/rays.one.wgsl
-// <- shaders/software/rounds.many.wgsl
+// <- shaders/cpu/rounds.many.wgsl
 // <- shaders/stages/scatter.none.wgsl
 // <- shaders/stages/compact.none.wgsl
 // <- shaders/optics/spectrum.discrete.wgsl

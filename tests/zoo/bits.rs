@@ -7,7 +7,7 @@ use super::files::repository;
 use nsq_gpu::TraceOptions;
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{DetectorTally, SurfaceTally, Tally};
-use nsq_gpu::trace::Strict;
+use nsq_gpu::run::Strict;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 

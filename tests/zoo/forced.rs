@@ -1,8 +1,8 @@
 //! Options of a trace, and what the software wing is forced to do in it.
 
+use nsq_gpu::cpu::{Choices, When};
 use nsq_gpu::gpu::Gpu;
 use nsq_gpu::model::SceneIr;
-use nsq_gpu::software::{Choices, When};
 use nsq_gpu::{Result, TraceOptions, Tracer};
 use std::ops::{Deref, DerefMut};
 

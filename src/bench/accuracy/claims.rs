@@ -8,8 +8,8 @@ use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::model::{ReflectProb, SceneIr};
 use crate::program::{Precision, Sampler};
+use crate::run::{StandardError, TraceOptions, Tracer};
 use crate::scene::Scene;
-use crate::trace::{StandardError, TraceOptions, Tracer};
 
 /// A claim about Sobol points in a scene.
 #[derive(Debug, Clone, Copy, PartialEq)]

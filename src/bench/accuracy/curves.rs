@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::model::SceneIr;
 use crate::program::Precision;
-use crate::trace::{StandardError, TraceOptions, Tracer};
+use crate::run::{StandardError, TraceOptions, Tracer};
 
 /// The effort of a measurement.
 #[derive(Debug, Clone, Copy, PartialEq)]

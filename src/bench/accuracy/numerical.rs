@@ -7,7 +7,7 @@ use crate::gpu::Gpu;
 use crate::model::SceneIr;
 use crate::program::Precision;
 use crate::result::{PathEvent, PathEventKind};
-use crate::trace::{RecordPaths, StandardError, Strict, TraceOptions, Tracer};
+use crate::run::{RecordPaths, StandardError, Strict, TraceOptions, Tracer};
 use std::time::Instant;
 
 /// The differences between two shaders with the same draws.

@@ -8,7 +8,7 @@
 use crate::bench::accuracy::estimate::{Deviations, Estimate};
 use crate::error::{Error, Result};
 use crate::model::SceneIr;
-use crate::trace::Tracer;
+use crate::run::Tracer;
 
 /// Traces in a group. Each has a seed of its own, so that scrambles are independent.
 pub const GROUP: u64 = 8;

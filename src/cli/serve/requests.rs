@@ -3,7 +3,7 @@
 use crate::cli::trace::parse_record_paths;
 use crate::cli::trace_args::TraceArgs;
 use crate::error::{Error, Result};
-use crate::trace::RecordPaths;
+use crate::run::RecordPaths;
 use clap::Parser;
 use ndarray::ArrayD;
 use ndarray_npy::ReadNpyExt;

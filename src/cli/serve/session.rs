@@ -7,10 +7,10 @@ use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu};
 use crate::model::SceneIr;
 use crate::result::{RunInfo, StoppedBy, TraceResult};
+use crate::run::gradients::{Differentiated, How, LossGradient, LossWithEdges};
+use crate::run::stopping::Stopping;
+use crate::run::{Progress, RecordPaths, Shelf, Strict, TraceOptions, Tracer, precision};
 use crate::scene::Scene;
-use crate::trace::gradients::{Differentiated, How, LossGradient, LossWithEdges};
-use crate::trace::stopping::Stopping;
-use crate::trace::{Progress, RecordPaths, Shelf, Strict, TraceOptions, Tracer, auto_precision};
 use ndarray::ArrayD;
 use std::time::Instant;
 
@@ -130,7 +130,7 @@ impl<'a> Job<'a> {
         let args = &request.args;
         let options = self.options()?;
         let pilot = |ir: &SceneIr, options: &TraceOptions| self.tracer(ir, options)?.trace(|_| true);
-        let choice = auto_precision::choose_by(gpu, ir, &options, args.wanted(), pilot)?;
+        let choice = precision::choose_by(gpu, ir, &options, args.wanted(), pilot)?;
         let options = TraceOptions { precision: choice.precision, ..options };
         let mut tracer = self.tracer(ir, &options)?;
         let begun = tracer.empty_tally();
@@ -277,11 +277,10 @@ impl<'a> Job<'a> {
     }
 
     /// Options of a trace with derivatives, whose numbers are live, and why it has its precision.
-    fn live_options(&self) -> Result<(TraceOptions, auto_precision::Choice)> {
+    fn live_options(&self) -> Result<(TraceOptions, precision::Choice)> {
         let options = self.options()?;
         let pilot = |ir: &SceneIr, options: &TraceOptions| self.tracer(ir, options)?.trace(|_| true);
-        let choice =
-            auto_precision::choose_by(self.gpu, self.ir, &options, self.request.args.wanted(), pilot)?;
+        let choice = precision::choose_by(self.gpu, self.ir, &options, self.request.args.wanted(), pilot)?;
         Ok((TraceOptions { precision: choice.precision, live: true, ..options }, choice))
     }
 

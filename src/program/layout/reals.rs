@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::model::Precision;
-use crate::program::df64;
+use crate::program::rewrite::df64;
 use std::collections::HashMap;
 
 /// A WGSL literal of a real. Refused where the precision cannot hold it.

@@ -7,7 +7,7 @@ use crate::model::shapes::{Normal, Quadric};
 use crate::model::{Shape, ShapeKind};
 use crate::program::layout::records::Records;
 use crate::program::layout::{bindings, tables};
-use crate::program::tangents::NUM_TANGENTS;
+use crate::program::rewrite::jvp::NUM_TANGENTS;
 use crate::program::wgsl::composition::Composition;
 use crate::program::wgsl::constants::Constants;
 use crate::program::wgsl::rows::frame_functions;

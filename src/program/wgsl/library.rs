@@ -10,7 +10,7 @@ use crate::shaders::{ShaderFile, shader};
 pub enum Real {
     /// 32-bit floats: every adapter.
     F32,
-    /// Pairs of 32-bit floats: the text has f64, and [`crate::program::df64::rewrite`] makes the pairs.
+    /// Pairs of 32-bit floats: the text has f64, and [`crate::program::rewrite::df64::rewrite`] makes the pairs.
     Df64,
     /// 64-bit floats: adapters with `SHADER_F64`.
     F64,

@@ -69,8 +69,8 @@ const SLOTS: &[Slot] = slots! { c;
     // Stem                     [files]                               filled where => by
     "stages/ids"                [listed, range]                       true => either(c.o.path_sums == PathSums::Told, listed, range);
     "stages/launched"           [listed, range]                       c.f.splits => either(c.o.path_sums == PathSums::Told, listed, range);
-    "stages/rays"               [one, several @ "software/rays"]      true => either(c.o.rays_per_invocation(c.f) == 1, one, several);
-    "stages/rounds"             [many @ "software/rounds", few]       true => either(c.o.has_many_rounds(c.f), many, few);
+    "stages/rays"               [one, several @ "cpu/rays"]      true => either(c.o.rays_per_invocation(c.f) == 1, one, several);
+    "stages/rounds"             [many @ "cpu/rounds", few]       true => either(c.o.has_many_rounds(c.f), many, few);
     "stages/scatter"            [on, none]                            true => either(!c.f.bsdfs.is_empty(), on, none);
     "stages/compact"            [on, none]                            true => either(c.o.has_queue(), on, none);
     "stages/queued_ray"         [alone, mesh, contact, mesh_contact]  c.o.has_queue() => match (c.has_meshes(), c.has_contacts()) {
@@ -117,10 +117,10 @@ const SLOTS: &[Slot] = slots! { c;
     "geometry/facets"           [touching, apart]                     c.has_meshes() => either(c.touch_facets(), touching, apart);
     "geometry/facet_contacts"   [none]                                c.has_contacts() && !c.touch_facets() => none;
     "geometry/split_triangle"   [mesh, none]                          c.f.splits => either(c.has_meshes(), mesh, none);
-    "geometry/tree"             [texels @ "software/tree", storage]   c.all.has_trees() => either(c.all.has_texels(), texels, storage);
+    "geometry/tree"             [texels @ "cpu/tree", storage]   c.all.has_trees() => either(c.all.has_texels(), texels, storage);
     "geometry/waiting"          [indexed]                             c.all.has_trees() && !c.all.chooses_what_waits() => indexed;
     "geometry/primitives"       [tree, table]                         !c.o.baked => either(c.all.tree.is_some(), tree, table);
-    "geometry/placed"           [texels @ "software/placed", table]   c.all.tree.is_some() => either(c.all.tree_records().is_some(), texels, table);
+    "geometry/placed"           [texels @ "cpu/placed", table]   c.all.tree.is_some() => either(c.all.tree_records().is_some(), texels, table);
     "geometry/try_primitive"    [alone, contact, facets]              !c.o.baked => match (c.touch_facets(), c.has_contacts()) {
         (true, _) => facets,
         (false, true) => contact,

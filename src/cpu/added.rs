@@ -1,0 +1,122 @@
+//! What the wing adds to the program of a scene, and what it is asked to.
+
+use crate::cpu::log::format::EndLog;
+use crate::cpu::path::main_path::{MainPath, PilotPath};
+use crate::cpu::path::path_log::{self, LoggedScene, PathLog};
+use crate::cpu::path::side_path::SidePath;
+use crate::program::Program;
+use crate::program::prepared::Prepared;
+use std::any::Any;
+use std::sync::LazyLock;
+
+/// What is asked for. No part of it changes a bit of a result.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Wanted {
+    /// Rays write down where they end, and the host adds it up. Without it, nothing is added.
+    pub host_sums: bool,
+    /// An invocation follows two rays of the main path side by side, where it can.
+    pub side_by_side: bool,
+    /// Lanes of a subgroup whose arrivals on the main path are stored together (shaders/cpu/path/lanes.together.wgsl); 1 if
+    /// each stores its own.
+    pub lanes: u32,
+    /// The path that most rays take, for a stage of its own.
+    pub main_path: Option<PilotPath>,
+    /// Those that most of the others take, the most frequent first, for stages of their own.
+    pub side_paths: Vec<PilotPath>,
+}
+
+impl Default for Wanted {
+    fn default() -> Self {
+        Wanted { host_sums: false, side_by_side: false, lanes: 1, main_path: None, side_paths: Vec::new() }
+    }
+}
+
+/// What is added for a scene. Paths are there only where there is a log.
+#[derive(Debug, Clone, Default)]
+pub struct CpuExtension {
+    /// The log of where rays end, if the host adds it up.
+    pub end_log: Option<EndLog>,
+    /// The main path, if it has a stage of its own; the other stages then trace the rays that it rejects.
+    pub main_path: Option<MainPath>,
+    /// What that stage logs, where positions tell all, alone or with weights.
+    pub path_log: Option<PathLog>,
+    /// The paths that `trace_side_a` and so on follow, which log as it does.
+    pub side_paths: Vec<SidePath>,
+    /// Media take little from the rays of all these paths on each of their ways.
+    pub(crate) media_absorb_weakly: bool,
+    /// An invocation follows two rays of the main path.
+    pub(crate) has_pairs: bool,
+    /// Rays that an invocation follows along a path, one after the other.
+    pub(crate) rays_per_invocation: u32,
+    /// Lanes that store together.
+    pub(crate) lanes: u32,
+}
+
+impl CpuExtension {
+    /// What is added to a scene of what is wanted.
+    pub fn of(scene: &Prepared, wanted: &Wanted) -> Self {
+        let Prepared { ir, options, features, cells, contacts, .. } = scene;
+        let log = EndLog::of(ir, features, cells, options, scene.constant_weights);
+        let Some(log) = log.filter(|_| wanted.host_sums) else { return CpuExtension::default() };
+        let pilot = wanted.main_path.as_ref();
+        let is_weak = pilot.is_some_and(path_log::media_absorb_weakly);
+        let alone =
+            CpuExtension { end_log: Some(log.clone()), media_absorb_weakly: is_weak, ..Default::default() };
+        let Some(pilot) = pilot else { return alone };
+        let Some(main_path) = MainPath::of(ir, scene.centre, contacts, options, pilot) else { return alone };
+        let logged = LoggedScene { ir, cells, log: &log, options, features };
+        let path_log = PathLog::of(&logged, &main_path, pilot);
+        let side_paths =
+            SidePath::of(&logged, scene.centre, contacts, &main_path, path_log.as_ref(), &wanted.side_paths);
+        CpuExtension {
+            media_absorb_weakly: is_weak && side_paths.iter().all(|side| side.media_absorb_weakly),
+            // Where rays leave nothing but what they log, and have no triangles to remember.
+            has_pairs: wanted.side_by_side
+                && path_log.as_ref().is_some_and(|log| log.tells_all)
+                && !features.has_meshes(),
+            rays_per_invocation: rays_per_invocation(scene, path_log.as_ref()),
+            lanes: wanted.lanes,
+            main_path: Some(main_path),
+            path_log,
+            side_paths,
+            ..alone
+        }
+    }
+
+    /// What was added to a program.
+    pub fn of_program(program: &Program) -> &Self {
+        static NOTHING: LazyLock<CpuExtension> = LazyLock::new(CpuExtension::default);
+        let extension: &dyn Any = program.extension.as_ref();
+        extension.downcast_ref().unwrap_or(&NOTHING)
+    }
+
+    /// Lanes of a subgroup store their arrivals together.
+    pub(crate) fn stores_together(&self) -> bool {
+        self.path_log.is_some() && self.lanes > 1
+    }
+
+    /// Rays of the main path log what they weigh.
+    pub(crate) fn logs_weights(&self) -> bool {
+        self.path_log.as_ref().is_some_and(|log| log.attenuating_legs.is_some())
+    }
+
+    /// Rays that an invocation of trace_main_path follows, side by side or one after the other.
+    pub fn rays_per_main_path_invocation(&self) -> u32 {
+        if self.has_pairs { 2 } else { self.rays_per_invocation }
+    }
+
+    /// Rays that an invocation follows along a side path, one after the other.
+    pub fn side_rays_per_invocation(&self) -> u32 {
+        self.rays_per_invocation
+    }
+}
+
+/// Rays that an invocation follows along a path one after the other. Their bins then go to memory once for all of them. It is
+/// one where the path takes nothing from its rays, or their weights report what it takes: a loop would cost more than it
+/// spares. It is one, too, where a single ray already has long loops.
+fn rays_per_invocation(scene: &Prepared, log: Option<&PathLog>) -> u32 {
+    let [.., gaussian] = scene.features.splats;
+    let deposits_nothing =
+        scene.features.keeps_weight || log.is_some_and(|log| log.attenuating_legs.is_some());
+    if deposits_nothing || gaussian { 1 } else { scene.options.most_rays_per_invocation.max(1) }
+}

@@ -1,0 +1,136 @@
+//! What processors' ways add to the module of a scene: the log of where rays end, and the stages of the main path and of the
+//! side paths.
+
+use crate::cpu::added::{CpuExtension, Wanted};
+use crate::cpu::log::format::Form;
+use crate::cpu::path::compose::Stages;
+use crate::error::Result;
+use crate::program::Precision;
+use crate::program::prepared::Prepared;
+use crate::program::wgsl::composition::Composition;
+use crate::program::wgsl::constants::Constants;
+use crate::program::wgsl::extension::{Extend, Extension};
+use crate::program::wgsl::text::Text;
+use crate::program::wgsl::variants::either;
+use crate::shaders::{ShaderFile, shader};
+use std::sync::Arc;
+
+impl Extend for Wanted {
+    fn extension(&self, scene: &Prepared) -> Arc<dyn Extension> {
+        Arc::new(CpuExtension::of(scene, self))
+    }
+}
+
+impl CpuExtension {
+    fn constants(&self, composition: &Composition) -> Constants {
+        let mut constants = Constants::default();
+        if self.main_path.is_some() {
+            constants.uint("PATH_RAYS_PER_INVOCATION", self.rays_per_invocation);
+        }
+        if self.stores_together() {
+            constants.uint("LANES", self.lanes);
+            // Half of a vector of f32, or of one of f64, of which there are two.
+            constants.uint("LANES_TOGETHER", if composition.precision() == Precision::F64 { 4 } else { 2 });
+        }
+        if let Some(log) = &self.end_log {
+            constants.uint("LOG_WORDS", log.num_words());
+            constants.bool("MEDIA_ABSORB_WEAKLY", self.media_absorb_weakly);
+            constants.bool("LOGS_POSITIONS", log.logs_positions());
+            constants.bool("LOGS_WEIGHTS", log.logs_weights());
+        }
+        constants
+    }
+
+    /// The files that stand in no slot of the plain module.
+    fn files(&self, composition: &Composition) -> Vec<ShaderFile> {
+        let entries = self.end_log.as_ref().map(|log| entries_file(log.form));
+        if self.main_path.is_none() {
+            return entries.into_iter().collect();
+        }
+        let several = self.rays_per_invocation > 1;
+        let optional = [
+            entries,
+            self.path_log.as_ref().map(|_| self.arrivals_file(composition)),
+            several.then_some(shader!("cpu/path/path_rays.wgsl")),
+            self.has_pairs.then_some(shader!("cpu/path/ray_pair.wgsl")),
+        ];
+        let always = [
+            shader!("cpu/path/main_path.wgsl"),
+            shader!("cpu/path/clearances.wgsl"),
+            either(
+                self.path_log.is_some(),
+                shader!("cpu/path/path_log.arrivals.wgsl"),
+                shader!("cpu/path/path_log.entries.wgsl"),
+            ),
+            either(
+                self.stores_together(),
+                shader!("cpu/path/lanes.together.wgsl"),
+                shader!("cpu/path/lanes.alone.wgsl"),
+            ),
+            either(
+                self.logs_weights(),
+                shader!("cpu/path/path_losses.reported.wgsl"),
+                shader!("cpu/path/path_losses.deposited.wgsl"),
+            ),
+        ];
+        always.into_iter().chain(optional.into_iter().flatten()).collect()
+    }
+
+    fn arrivals_file(&self, composition: &Composition) -> ShaderFile {
+        let together = self.stores_together();
+        let reals = composition.precision() == Precision::F64;
+        match (self.logs_weights(), together, reals, composition.options.native) {
+            (true, true, ..) => shader!("cpu/log/arrivals.weighted_together.wgsl"),
+            (true, false, ..) => shader!("cpu/log/arrivals.weighted.wgsl"),
+            (false, true, true, _) => shader!("cpu/log/arrivals.reals_together.wgsl"),
+            (false, true, false, _) => shader!("cpu/log/arrivals.words_together.wgsl"),
+            (false, false, true, _) => shader!("cpu/log/arrivals.reals.wgsl"),
+            (false, false, false, true) => shader!("cpu/log/arrivals.packed.wgsl"),
+            (false, false, false, false) => shader!("cpu/log/arrivals.words.wgsl"),
+        }
+    }
+}
+
+impl Extension for CpuExtension {
+    fn rejects_wrong_sides(&self) -> Option<ShaderFile> {
+        self.main_path.is_some().then_some(shader!("cpu/path/wrong_sides.wgsl"))
+    }
+
+    fn replaces(&self, slot: &str) -> Option<ShaderFile> {
+        match slot {
+            "stages/ids" => self.main_path.as_ref().map(|_| shader!("stages/ids.listed.wgsl")),
+            "sums/ends" => self.end_log.as_ref().map(|_| shader!("cpu/log/ends.logged.wgsl")),
+            "sums/passes" => self.logs_passes().then_some(shader!("cpu/log/passes.logged.wgsl")),
+            _ => None,
+        }
+    }
+
+    fn add(&self, composition: &Composition, text: &mut Text) -> Result<()> {
+        text.composed("cpu::extension", self.constants(composition).text());
+        text.files(self.files(composition));
+        text.composed("cpu::path::compose", &Stages { extension: self, composition }.text()?);
+        Ok(())
+    }
+
+    fn logs_passes(&self) -> bool {
+        self.end_log.as_ref().is_some_and(|log| log.max_passes > 0)
+    }
+
+    fn restores_bins(&self) -> bool {
+        self.main_path.is_some()
+    }
+
+    fn keeps_bin_of(&self, primitive: usize) -> bool {
+        let paths = self.main_path.iter().chain(self.side_paths.iter().map(|side| &side.path));
+        paths.flat_map(|path| &path.events).any(|event| event.primitive == primitive)
+    }
+}
+
+fn entries_file(form: Form) -> ShaderFile {
+    match form {
+        Form::Counts => shader!("cpu/log/entries.counts.wgsl"),
+        Form::Packed => shader!("cpu/log/entries.packed.wgsl"),
+        Form::Words => shader!("cpu/log/entries.words.wgsl"),
+        Form::Reals => shader!("cpu/log/entries.reals.wgsl"),
+    }
+}

@@ -1,0 +1,162 @@
+//! The log of where rays end, for the host to add up (`shaders/cpu/log/ends.logged.wgsl`).
+
+use crate::model::{Detector, DetectorKind, SceneIr, Splat};
+use crate::program::features::Features;
+use crate::program::layout::tables::Cells;
+use crate::program::{Precision, ProgramOptions, SecondMoments};
+
+/// The bits of an entry that name its cell.
+pub const CELL_BITS: u32 = 22;
+
+/// Deeper traces log no passes: a ray may make as many as it has events.
+const MAX_LOGGED_DEPTH: u32 = 255;
+
+/// What the log of a program holds.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EndLog {
+    /// How an entry is written.
+    pub form: Form,
+    /// What entries tell of bilinear taps.
+    pub taps: Taps,
+    /// Most entries of a ray that passes detectors, beside that of its end; 0 where the device adds up what rays leave in
+    /// passing.
+    pub max_passes: u32,
+    /// Per detector, from the first cell on.
+    pub grids: Vec<Grid>,
+    /// The weight that each source's rays are born with.
+    pub weights: Vec<f64>,
+}
+
+/// How an entry is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Form {
+    /// What it is alone, in 32 bits: sums follow from counts (entries.counts.wgsl).
+    Counts,
+    /// 64-bit integers: what it is, and the f32 of its weight; the f32 of the fractions (entries.packed.wgsl).
+    Packed,
+    /// 32-bit integers: what it is; the f32 of its weight; those of the fractions (entries.words.wgsl). For processors'
+    /// drivers without 64-bit integers, such as SwiftShader.
+    Words,
+    /// f64: what it is, its weight, the fractions (entries.reals.wgsl).
+    Reals,
+}
+
+/// What entries tell of bilinear taps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Taps {
+    /// Nothing: no detector has any.
+    None,
+    /// Which cells they are, and how far between them the position is.
+    Fractions,
+    /// The position alone, on the only detector that has any.
+    Positions {
+        /// Its grid.
+        grid: Grid,
+        /// Entries have the weight: rays do not keep the one that they are born with.
+        has_weights: bool,
+    },
+}
+
+/// How the cells of a detector lie.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Grid {
+    /// Its first cell.
+    pub first: usize,
+    /// Cells from one column to the next.
+    pub column: usize,
+    /// Cells from one row to the next.
+    pub row: usize,
+    /// Its columns and rows.
+    pub size: [u32; 2],
+}
+
+/// What spreads over many pixels the device adds up.
+fn is_gaussian(kind: &DetectorKind) -> bool {
+    kind.grid().is_some_and(|grid| matches!(grid.splat, Splat::Gaussian { .. }))
+}
+
+/// True if what rays leave on the detector in passing is logged, where a log is kept.
+pub fn logs_passes(detector: &Detector, max_depth: u32) -> bool {
+    !detector.absorb && !is_gaussian(&detector.kind) && max_depth <= MAX_LOGGED_DEPTH
+}
+
+/// A position has no room for the detector, or for whether the ray passes.
+fn taps(ir: &SceneIr, grids: &[Grid], max_passes: u32, keeps_weight: bool) -> Taps {
+    let bilinear =
+        |detector: &Detector| detector.kind.grid().is_some_and(|grid| grid.splat == Splat::Bilinear);
+    let mut with_taps = grids.iter().zip(&ir.detectors).filter(|(_, detector)| bilinear(detector));
+    match (with_taps.next(), with_taps.next()) {
+        (None, _) => Taps::None,
+        (Some((&grid, detector)), None) if detector.kind.is_plain_grid() && max_passes == 0 => {
+            Taps::Positions { grid, has_weights: !keeps_weight }
+        }
+        _ => Taps::Fractions,
+    }
+}
+
+impl EndLog {
+    /// The log of a scene. None where rays are split, because a launched ray then has many ends; where there are so many
+    /// cells, or replicates of them, that the host would not find them in its caches; and none of pairs of f32.
+    pub fn of(
+        ir: &SceneIr,
+        features: &Features,
+        cells: &Cells,
+        options: &ProgramOptions,
+        counts_alone: bool,
+    ) -> Option<Self> {
+        let has_replicates = options.moments == SecondMoments::Replicates;
+        let form = match (options.precision, options.native) {
+            (Precision::Df64, _) => return None,
+            _ if counts_alone => Form::Counts,
+            (Precision::F32, true) => Form::Packed,
+            (Precision::F32, false) => Form::Words,
+            (Precision::F64, _) => Form::Reals,
+        };
+        let is_large = cells.num_cells > 1 << CELL_BITS;
+        if has_replicates || features.splits || is_large {
+            return None;
+        }
+        let grids = cells.detectors.iter().zip(&ir.detectors).map(|(&first, detector)| {
+            let size = detector.kind.grid().map_or([1; 2], |grid| [grid.num_pixels_x, grid.num_pixels_y]);
+            let column = detector.kind.num_bins() as usize;
+            Grid { first: first as usize, column, row: column * size[0] as usize, size }
+        });
+        let grids: Vec<Grid> = grids.collect();
+        let logs_passes = ir.detectors.iter().any(|detector| logs_passes(detector, options.max_depth));
+        let max_passes = if logs_passes { options.max_depth } else { 0 };
+        let taps = taps(ir, &grids, max_passes, features.keeps_weight);
+        Some(EndLog { form, taps, max_passes, grids, weights: options.weights.clone() })
+    }
+
+    /// Words of an entry (`LOG_WORDS`), of [`EndLog::word_bytes`] each.
+    pub fn num_words(&self) -> u32 {
+        let weights = u32::from(self.logs_weights());
+        match (self.form, self.taps) {
+            (Form::Counts, _) => 1,
+            (Form::Packed, Taps::None) => 1,
+            (Form::Packed, Taps::Fractions) => 2,
+            (Form::Packed, Taps::Positions { .. }) => 1 + weights,
+            (Form::Words | Form::Reals, Taps::None) => 2,
+            (Form::Words | Form::Reals, Taps::Fractions) => 4,
+            (Form::Words | Form::Reals, Taps::Positions { .. }) => 2 + weights,
+        }
+    }
+
+    /// True if entries have positions in place of taps (`LOGS_POSITIONS`).
+    pub fn logs_positions(&self) -> bool {
+        matches!(self.taps, Taps::Positions { .. })
+    }
+
+    /// True if entries have weights (`LOGS_WEIGHTS`).
+    pub fn logs_weights(&self) -> bool {
+        self.form != Form::Counts && !matches!(self.taps, Taps::Positions { has_weights: false, .. })
+    }
+
+    /// Bytes of a word.
+    pub fn word_bytes(&self) -> u32 {
+        match self.form {
+            Form::Counts | Form::Words => 4,
+            Form::Packed | Form::Reals => 8,
+        }
+    }
+}

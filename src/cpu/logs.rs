@@ -1,0 +1,477 @@
+//! Adds up the log of where rays end (`shaders/cpu/log/ends.logged.wgsl`), on devices whose memory is the host's.
+
+use crate::cpu::log::adder::{EndSums, LoggedRays, RejectedRay};
+use crate::cpu::log::format::EndLog;
+use crate::cpu::path::path_log::PathLog;
+use crate::cpu::path::rejected::Rejected;
+use crate::cpu::path::side_path::SidePath;
+use crate::error::{Error, Result};
+use crate::gpu::{Gpu, processors};
+use crate::program::layout::bindings;
+use crate::program::{Cells, RayRange};
+use std::collections::VecDeque;
+use std::time::{Duration, Instant};
+
+/// Two logs a device, so that the host adds up one while the devices write the others.
+#[derive(Debug)]
+pub struct EndLogs {
+    shape: EndLog,
+    /// What rays log that keep to the main path, where they do not log entries as others do.
+    path: Option<PathLog>,
+    /// The same of the side paths.
+    side_paths: Vec<Option<PathLog>>,
+    /// One for each thread that adds up.
+    sums: Vec<EndSums>,
+    /// From an entry of a ray to its next.
+    stride: u32,
+    /// They take turns.
+    devices: Vec<DeviceLogs>,
+    /// The next dispatch's, in 0..[`EndLogs::num_logs`].
+    turn: usize,
+    /// In the order of their turns.
+    written: VecDeque<Written>,
+    /// When the first dispatch of all had ended, as far as was seen.
+    first_end: Option<Instant>,
+    /// Rays of each dispatch that was timed, and what it took, since the last time they were asked for.
+    times: Vec<(u32, Duration)>,
+    rejected: Rejected,
+    /// Rays of ranges that were added up in this trace, and those of them that were rejected.
+    num_followed: u64,
+    num_rejected: u64,
+}
+
+/// So that the entries of a ray lie no power of two apart: such addresses crowd each other out of the caches.
+const OFF_POWERS_OF_TWO: u32 = 8;
+
+const LOGS_PER_DEVICE: usize = 2;
+
+/// More threads would wait for memory.
+const MOST_THREADS: usize = 8;
+/// Cells of all threads, whose sums would crowd each other out of the caches if there were more.
+const MOST_CELLS: usize = 1 << 20;
+/// A thread is not worth its start for fewer entries.
+const LEAST_ENTRIES: usize = 1 << 12;
+
+/// The logs of a device.
+#[derive(Debug)]
+pub struct DeviceLogs {
+    gpu: Gpu,
+    /// When the last dispatch that was waited for had ended.
+    last_end: Option<Instant>,
+    buffers: [wgpu::Buffer; LOGS_PER_DEVICE],
+}
+
+/// The log of a submitted dispatch.
+#[derive(Debug)]
+struct Written {
+    turn: usize,
+    range: RayRange,
+    rays: Rays,
+    submission: wgpu::SubmissionIndex,
+    /// When it was submitted, if it is to be timed.
+    start: Option<Instant>,
+}
+
+/// Which rays a dispatch traces.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Rays {
+    /// Those of its range, along the main path if there is one.
+    OfRange,
+    /// Those that were rejected by the main path, along a side path.
+    OfSide {
+        /// Its number.
+        side: usize,
+        /// Theirs.
+        ids: Vec<u64>,
+    },
+    /// Those that were rejected by the main path, in any way.
+    Rejected,
+}
+
+impl EndLogs {
+    /// The logs of dispatches of at most so many rays.
+    ///
+    /// # Errors
+    /// [`Error::Device`] if the adapter cannot bind so much.
+    pub fn new(gpu: &Gpu, shape: EndLog, path: Option<PathLog>, cells: &Cells, rays: u32) -> Result<Self> {
+        let stride = rays.next_multiple_of(8) + OFF_POWERS_OF_TWO;
+        Ok(EndLogs {
+            devices: vec![DeviceLogs::new(gpu, stride, shape.ray_bytes(path.as_ref()))?],
+            sums: no_sums(num_threads(cells), cells, &shape),
+            shape,
+            path,
+            side_paths: Vec::new(),
+            stride,
+            turn: 0,
+            written: VecDeque::new(),
+            first_end: None,
+            times: Vec::new(),
+            rejected: Rejected::default(),
+            num_followed: 0,
+            num_rejected: 0,
+        })
+    }
+
+    /// Lets rays that are rejected by the main path follow side paths: where that pays, of so many rays that are to be traced,
+    /// if that is known, or always.
+    pub fn follow_sides(&mut self, side_paths: &[SidePath], num_expected: Option<u64>, always: bool) {
+        self.side_paths = side_paths.iter().map(|side| side.log.clone()).collect();
+        self.rejected = Rejected::new(side_paths, num_expected, always);
+    }
+
+    /// The logs of each device.
+    pub fn devices(&self) -> &[DeviceLogs] {
+        &self.devices
+    }
+
+    /// Logs of another device.
+    ///
+    /// # Errors
+    /// [`Error::Device`] if it cannot bind so much.
+    pub fn logs_on(&self, gpu: &Gpu) -> Result<DeviceLogs> {
+        DeviceLogs::new(gpu, self.stride, self.shape.ray_bytes(self.path.as_ref()))
+    }
+
+    /// Lets another device take turns with those before it, when all that these have logged is added up.
+    ///
+    /// # Errors
+    /// [`Error::Device`] if one of these fails.
+    pub fn add_device(&mut self, logs: DeviceLogs) -> Result<()> {
+        self.finish()?;
+        self.devices.push(logs);
+        self.turn = 0;
+        Ok(())
+    }
+
+    /// Keeps the first device only, between traces.
+    pub fn keep_first_device(&mut self) {
+        self.discard();
+        self.devices.truncate(1);
+        self.rejected.keep_first_device();
+        self.turn = 0;
+    }
+
+    /// Lets a device have the next turn.
+    ///
+    /// # Errors
+    /// [`Error::Device`] if one of them fails.
+    pub fn pass_turn_to(&mut self, device: usize) -> Result<()> {
+        while self.turn().0 != device {
+            self.next_turn()?;
+        }
+        Ok(())
+    }
+
+    /// Goes on to the next log, and adds up what is written there.
+    fn next_turn(&mut self) -> Result<()> {
+        self.turn = (self.turn + 1) % self.num_logs();
+        while self.written.iter().any(|written| written.turn == self.turn) {
+            self.add_up_next()?;
+        }
+        Ok(())
+    }
+
+    /// The device of the next dispatch, and the one of its logs that this writes.
+    pub fn turn(&self) -> (usize, usize) {
+        place_of(self.turn, self.devices.len())
+    }
+
+    fn num_logs(&self) -> usize {
+        LOGS_PER_DEVICE * self.devices.len()
+    }
+
+    /// The log of a turn.
+    fn log(&self, turn: usize) -> &wgpu::Buffer {
+        let (device, log) = place_of(turn, self.devices.len());
+        &self.devices[device].buffers[log]
+    }
+
+    /// From an entry of a ray to its next.
+    pub fn stride(&self) -> u32 {
+        self.stride
+    }
+
+    /// Takes note of a dispatch, which may be timed, and adds up the log whose turn is next, if it is written.
+    ///
+    /// # Errors
+    /// [`Error::Device`] if the device fails.
+    pub fn submitted(
+        &mut self,
+        range: RayRange,
+        rays: Rays,
+        submission: wgpu::SubmissionIndex,
+        is_timed: bool,
+    ) -> Result<()> {
+        self.log(self.turn).map_async(wgpu::MapMode::Read, .., |_| {});
+        let start = is_timed.then(Instant::now);
+        self.written.push_back(Written { turn: self.turn, range, rays, submission, start });
+        self.next_turn()
+    }
+
+    /// When the first dispatch of all had ended.
+    pub fn first_end(&self) -> Option<Instant> {
+        self.first_end
+    }
+
+    /// Rays of each dispatch that was timed and has ended since the last time, and what it took, at most.
+    pub fn take_times(&mut self) -> Vec<(u32, Duration)> {
+        std::mem::take(&mut self.times)
+    }
+
+    /// Begins a trace: forgets what is not added up, and the rejected rays.
+    pub fn discard(&mut self) {
+        for written in std::mem::take(&mut self.written) {
+            self.log(written.turn).unmap();
+        }
+        self.times.clear();
+        self.rejected.discard();
+        (self.num_followed, self.num_rejected) = (0, 0);
+    }
+
+    /// Adds up what is still to be.
+    ///
+    /// # Errors
+    /// [`Error::Device`] if the device fails.
+    pub fn finish(&mut self) -> Result<()> {
+        while !self.written.is_empty() {
+            self.add_up_next()?;
+        }
+        Ok(())
+    }
+
+    /// The rays that were rejected by the main path.
+    pub fn rejected(&mut self) -> &mut Rejected {
+        &mut self.rejected
+    }
+
+    /// How many rays of this trace were to keep to the main path, and how many of them were rejected.
+    pub fn num_followed_and_rejected(&self) -> [u64; 2] {
+        [self.num_followed, self.num_rejected]
+    }
+
+    /// The same of each side path.
+    pub fn num_along_sides(&self) -> impl Iterator<Item = [u64; 2]> {
+        self.rejected.num_along_sides()
+    }
+
+    /// The sums since the last time.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] if those of the threads do not fit together.
+    pub fn take(&mut self, cells: &Cells) -> Result<EndSums> {
+        let empty = no_sums(self.sums.len(), cells, &self.shape);
+        let mut parts = std::mem::replace(&mut self.sums, empty);
+        let misfit = || Error::Internal("the threads that add up the log of ends have unlike sums".into());
+        parts.iter_mut().try_for_each(EndSums::settle).ok_or_else(misfit)?;
+        let mut parts = parts.into_iter();
+        let mut sums = parts.next().unwrap_or_default();
+        parts.try_for_each(|part| sums.merge(&part)).ok_or_else(misfit)?;
+        Ok(sums)
+    }
+
+    /// Adds up the first of those that are written.
+    fn add_up_next(&mut self) -> Result<()> {
+        let Some(written) = self.written.pop_front() else { return Ok(()) };
+        let (device, log) = place_of(written.turn, self.devices.len());
+        let DeviceLogs { gpu, buffers, last_end } = &mut self.devices[device];
+        let log = &buffers[log];
+        gpu.wait_for(written.submission.clone())?;
+        let end = Instant::now();
+        // It began when it was submitted, or when the one before had ended.
+        let start = written.start.map(|start| last_end.map_or(start, |last| last.max(start)));
+        self.times.extend(start.map(|start| (written.range.count, end.saturating_duration_since(start))));
+        *last_end = Some(end);
+        self.first_end.get_or_insert(end);
+        let rejected = {
+            let bytes = log.get_mapped_range(..);
+            let bytes = bytes.map_err(|e| Error::Device(format!("reading the log of ends: {e}")))?;
+            let RayRange { count, source, .. } = written.range;
+            let logged = LoggedRays {
+                bytes: &bytes,
+                rays: 0..count as usize,
+                stride: self.stride as usize,
+                weight: self.shape.weights.get(source).copied().unwrap_or_default(),
+            };
+            let path = match written.rays {
+                Rays::OfRange => self.path.as_ref(),
+                Rays::OfSide { side, .. } => self.side_paths.get(side).and_then(Option::as_ref),
+                Rays::Rejected => None,
+            };
+            add_side_by_side(&mut self.sums, &logged, &self.shape, path)
+        };
+        log.unmap();
+        self.note_rejected(&rejected?, &written)
+    }
+
+    /// Notes the rays of a dispatch that were rejected.
+    fn note_rejected(&mut self, rejected: &[RejectedRay], written: &Written) -> Result<()> {
+        let range = &written.range;
+        match &written.rays {
+            Rays::OfRange => {
+                self.num_followed += u64::from(range.count);
+                self.num_rejected += rejected.len() as u64;
+                self.rejected.add(rejected, range);
+                Ok(())
+            }
+            Rays::OfSide { side, ids } => {
+                let unknown =
+                    || Error::Internal("a ray that nobody traced was rejected by a side path".into());
+                self.rejected.add_of_side(*side, rejected, ids, range.source).ok_or_else(unknown)
+            }
+            Rays::Rejected => Ok(()),
+        }
+    }
+}
+
+impl DeviceLogs {
+    fn new(gpu: &Gpu, stride: u32, ray_bytes: u64) -> Result<Self> {
+        let log = || gpu.mappable_buffer("the log of ends", u64::from(stride) * ray_bytes);
+        Ok(DeviceLogs { gpu: gpu.clone(), last_end: None, buffers: [log()?, log()?] })
+    }
+
+    /// The buffers, by binding.
+    pub fn bindings(&self) -> [(u32, &wgpu::Buffer); LOGS_PER_DEVICE] {
+        self.buffers.each_ref().map(|buffer| (bindings::LOG, buffer))
+    }
+}
+
+/// The device whose turn it is, of so many, and the one of its logs: devices alternate, each with its logs in order.
+fn place_of(turn: usize, num_devices: usize) -> (usize, usize) {
+    (turn % num_devices, turn / num_devices)
+}
+
+/// Threads that add up. Lavapipe deals a dispatch out to all processors in equal parts and waits for each: a lone thread
+/// would keep one of them from its part, and then the others wait.
+fn num_threads(cells: &Cells) -> usize {
+    processors::count().min(MOST_THREADS).min(MOST_CELLS / cells.num_cells.max(1) as usize).max(1)
+}
+
+/// Empty sums, one for each thread.
+fn no_sums(num_threads: usize, cells: &Cells, shape: &EndLog) -> Vec<EndSums> {
+    (0..num_threads).map(|_| EndSums::new(cells, shape.form)).collect()
+}
+
+/// Adds up what rays logged, a part of them in each thread, and tells which rays were rejected.
+fn add_side_by_side(
+    sums: &mut [EndSums],
+    logged: &LoggedRays,
+    shape: &EndLog,
+    path: Option<&PathLog>,
+) -> Result<Vec<RejectedRay>> {
+    let rays = &logged.rays;
+    let entries_per_ray = path.map_or(shape.max_passes as usize + 1, PathLog::num_rows);
+    let num_entries = rays.len() * entries_per_ray;
+    let num_parts = sums.len().min(num_entries / LEAST_ENTRIES).max(1);
+    let part_rays = rays.len().div_ceil(num_parts).max(1);
+    let part = |first| LoggedRays { rays: first..(first + part_rays).min(rays.end), ..*logged };
+    let parts = rays.clone().step_by(part_rays).map(part);
+    let add = |(sums, part): (&mut EndSums, LoggedRays)| {
+        let mut rejected = Vec::new();
+        let added = match path {
+            Some(path) => sums.add_path(&part, shape.form, path, &mut rejected),
+            None => sums.add(&part, shape, &mut rejected),
+        };
+        added.map(|()| rejected).ok_or_else(no_such_cell)
+    };
+    std::thread::scope(|scope| {
+        let mut parts = sums.iter_mut().zip(parts);
+        let own = parts.next();
+        let thread = |part| std::thread::Builder::new().spawn_scoped(scope, move || add(part));
+        let no_thread = |error| Error::Device(format!("no thread to add up where rays end: {error}"));
+        let others = parts.map(thread).collect::<std::io::Result<Vec<_>>>().map_err(no_thread)?;
+        let mut rejected = own.map_or_else(|| Ok(Vec::new()), add)?;
+        for other in others {
+            let failed = |_| Error::Internal("a thread that adds up the log of ends failed".into());
+            rejected.append(&mut other.join().map_err(failed)??);
+        }
+        Ok(rejected)
+    })
+}
+
+fn no_such_cell() -> Error {
+    Error::Internal("the log of ends names a cell that does not exist".into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cpu::log::format::{Form, Taps};
+    use crate::model::SceneIr;
+
+    fn log(form: Form, max_passes: u32) -> EndLog {
+        EndLog { form, taps: Taps::None, max_passes, grids: Vec::new(), weights: Vec::new() }
+    }
+
+    fn scene() -> SceneIr {
+        let text = include_str!("../../scenes/cooke_triplet.json");
+        crate::Scene::from_json(text).unwrap().lower().unwrap()
+    }
+
+    #[test]
+    fn devices_take_turns() {
+        let places = |num_devices| {
+            let turns = 0..LOGS_PER_DEVICE * num_devices;
+            turns.map(|turn| place_of(turn, num_devices)).collect::<Vec<_>>()
+        };
+        assert_eq!(places(1), [(0, 0), (0, 1)]);
+        assert_eq!(places(2), [(0, 0), (1, 0), (0, 1), (1, 1)]);
+    }
+
+    /// What so many threads make of a log, whose rays end in one cell after the other, pass first, or were rejected.
+    fn added(num_threads: usize, num: usize) -> (EndSums, Vec<RejectedRay>) {
+        let [in_cell, passes, rejected]: [u64; 3] = [1 << 26, 1 << 29, 1 << 30];
+        let cells = Cells::of(&scene());
+        let shape = log(Form::Packed, 1);
+        let stride = num + 3;
+        let weight = |ray: usize| u64::from((1.0 + ray as f32).to_bits()) << 32;
+        let cell = |ray: usize| ray as u64 % u64::from(cells.num_cells);
+        let first = |ray| match ray % 7 {
+            0 => rejected | (ray as u64 % 5),
+            1 => in_cell | passes | cell(ray) | weight(ray),
+            _ => in_cell | cell(ray) | weight(ray),
+        };
+        let mut entries: Vec<u64> = (0..stride).map(first).collect();
+        entries.extend((0..stride).map(|ray| in_cell | cell(ray + 1) | weight(ray)));
+        let mut sums: Vec<EndSums> = (0..num_threads).map(|_| EndSums::new(&cells, shape.form)).collect();
+        let logged = LoggedRays { bytes: bytemuck::cast_slice(&entries), rays: 0..num, stride, weight: 0.0 };
+        let rejected = add_side_by_side(&mut sums, &logged, &shape, None).unwrap();
+        let mut all = EndSums::new(&cells, shape.form);
+        sums.iter().for_each(|part| all.merge(part).unwrap());
+        (all, rejected)
+    }
+
+    #[test]
+    fn any_number_of_threads_adds_up_the_same() {
+        for num in [1, LEAST_ENTRIES, 3 * LEAST_ENTRIES + 1, 4 * LEAST_ENTRIES + 63] {
+            let (alone, rejected) = added(1, num);
+            let ray = |ray: u32| RejectedRay { ray, event: ray % 5 };
+            assert!(rejected.iter().copied().eq((0..num as u32).step_by(7).map(ray)));
+            assert_eq!(alone.counts.iter().sum::<u64>(), (num - rejected.len() + (num + 5) / 7) as u64);
+            for num_threads in [2, 3, 8] {
+                let (sums, rejected_of_threads) = added(num_threads, num);
+                assert!(
+                    sums.counts == alone.counts && sums.quanta().eq(alone.quanta()),
+                    "{num_threads}, {num}"
+                );
+                assert_eq!(rejected_of_threads, rejected);
+            }
+        }
+    }
+
+    #[test]
+    fn a_cell_that_does_not_exist_is_refused_in_any_thread() {
+        let cells = Cells::of(&scene());
+        let shape = log(Form::Counts, 0);
+        for part in 0..3 {
+            let mut entries = vec![0_u32; 3 * LEAST_ENTRIES];
+            entries[part * LEAST_ENTRIES + 5] = 1 << 26 | cells.num_counters;
+            let mut sums: Vec<EndSums> = (0..3).map(|_| EndSums::new(&cells, shape.form)).collect();
+            let bytes = bytemuck::cast_slice(&entries);
+            let logged = LoggedRays { bytes, rays: 0..entries.len(), stride: 1, weight: 0.0 };
+            assert!(
+                matches!(add_side_by_side(&mut sums, &logged, &shape, None), Err(Error::Internal(_))),
+                "{part}"
+            );
+        }
+    }
+}

@@ -1,0 +1,476 @@
+//! How little shows that a ray meets a primitive nowhere on a stretch of its way: without the roots and quotients that
+//! it takes to find where a ray meets one (`shaders/cpu/path/clearances.wgsl`).
+//!
+//! Each clearance is sufficient: where it holds, the search finds nothing on the stretch, whatever it rounds. Along a ray
+//! a quadric is F(t) = a t^2 + 2 g t + f, and what the search takes for a crossing at t has an |F(t)| of a few roundings
+//! of M = |radial| S^2 + |axial| S^2 + 2 |offset| S + |constant|, where S is the largest length on the stretch: both
+//! quotients of the citardauq formula are backward stable (Higham, Accuracy and Stability of Numerical Algorithms, 2nd
+//! ed., section 1.8). So an |F| of [`ROUNDINGS`] of them all along the stretch shows that it holds no crossing.
+
+use crate::cpu::path::ways::Way;
+use crate::model::shapes::{Quadric, Slab};
+use crate::model::{Frame, Shape, ShapeKind};
+use crate::program::Precision;
+use glam::DVec3;
+
+/// A clearance leaves room for so many roundings of M; the search makes some fifty, and what looks at the far end of a
+/// stretch some ten times as many: its length may be 6 S, twice S at the highest of [`PACES`].
+const ROUNDINGS: f64 = 1024.0;
+
+/// How far rays may go, at most, while they go 1 along z ([`Exit::pace`]): the least that nearly all keep to is taken.
+const PACES: [f64; 3] = [1.05, 1.5, 3.0];
+
+/// What shows that a ray is clear of a primitive, in the primitive's frame: something to be seen of a stretch of its way.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Clearance {
+    /// What is to be seen.
+    pub sign: Sign,
+    /// Where the stretch ends; where there is none, it ends at the next event.
+    pub exit: Option<Exit>,
+}
+
+/// What is to be seen of a stretch.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Sign {
+    /// The ray leaves the primitive's quadric, whose other crossing lies behind it or beyond the stretch.
+    Leaves,
+    /// Both ends of the stretch lie before the slab that holds the primitive, or both behind it.
+    Beside {
+        /// Where the slab begins in z \[mm\].
+        low: f64,
+        /// Where it ends \[mm\].
+        high: f64,
+    },
+    /// The ray is beyond its exit from the beginning.
+    Past,
+    /// Both ends are nearer to the axis than what the primitive leaves open, and so is all between them.
+    Inside {
+        /// The squared radius \[mm^2\].
+        limit: f64,
+    },
+    /// On the whole stretch the quadric is farther from 0 than this.
+    Off {
+        /// In units of the quadric.
+        margin: f64,
+    },
+}
+
+/// Where a ray that crosses the slab around a primitive leaves it for good.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Exit {
+    /// Where the slab ends, as the ray goes, in z \[mm\].
+    pub plane: f64,
+    /// The ray goes at most so far while it goes 1 along z; negative where it goes against z.
+    pub pace: f64,
+}
+
+/// Part of a ray's way, from one event to the next \[mm\].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stretch {
+    /// Where it begins.
+    pub from: DVec3,
+    /// Where it ends.
+    pub to: DVec3,
+}
+
+/// F(t) = a t^2 + 2 g t + f along a ray.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Along {
+    a: f64,
+    g: f64,
+    f: f64,
+}
+
+impl Clearance {
+    /// The cheapest one of a primitive that holds for nearly all rays of a pilot, on a stretch that ends at the next event, if
+    /// `ends`, or nowhere; or none. `leaving` tells that it begins on the primitive. Of a stretch that ends, no corner of its
+    /// box is farther from the frame's origin than `size` \[mm\]: what a ray meets beyond lies behind the event. Of one that
+    /// ends nowhere, nor is one of the primitive's box.
+    pub fn of(
+        (frame, shape): &(Frame, Shape),
+        leaving: bool,
+        ends: bool,
+        size: f64,
+        precision: Precision,
+        pilot: &mut Pilot,
+    ) -> Option<Self> {
+        let epsilon = 1.0 / precision.significands();
+        let slab = slab(shape, size, ROUNDINGS * epsilon);
+        let [low, high] = slab.unwrap_or([f64::NAN; 2]);
+        let size = if slab.is_some() { size.max(low.abs()).max(high.abs()) } else { size };
+        let largest = magnitude(shape, size);
+        let margin = ROUNDINGS * epsilon * largest;
+        // An f32 may not hold the terms of a huge quadric.
+        let is_curved = shape.quadric().is_some_and(|quadric| !quadric.is_flat());
+        let has_quadric = is_curved && largest < f64::from(f32::MAX);
+        let inside = shape.opening().map(|radius| Sign::Inside {
+            limit: radius * radius - margin - ROUNDINGS * epsilon * (size * size + radius * radius),
+        });
+        let beside = slab.map(|[low, high]| Sign::Beside { low, high });
+        let signs = match leaving {
+            true => [has_quadric.then_some(Sign::Leaves), None, None, None],
+            false => {
+                let off = has_quadric.then_some(Sign::Off { margin });
+                [beside.filter(|_| ends), (!ends).then_some(Sign::Past), inside, off]
+            }
+        };
+        let mut clearances = signs.into_iter().flatten().flat_map(|sign| {
+            let to_end = ends.then_some(None);
+            to_end.into_iter().chain(exits(sign, slab).map(Some)).map(move |exit| Clearance { sign, exit })
+        });
+        clearances.find(|clearance| pilot.takes(frame, |stretch| clearance.holds(shape, stretch)))
+    }
+
+    /// Whether a stretch in the primitive's frame is clear, as the shader's functions would find but for roundings.
+    fn holds(&self, shape: &Shape, stretch: &Stretch) -> bool {
+        let (direction, length) = stretch.direction_and_length();
+        if length.is_nan() || length <= 0.0 {
+            return false;
+        }
+        let distance = match self.exit {
+            None => length,
+            Some(exit) if exit.is_kept_to(direction) => exit.distance(stretch.from),
+            Some(_) => return false,
+        };
+        self.sign.holds(shape, stretch.from, direction, distance)
+    }
+}
+
+impl Sign {
+    fn holds(&self, shape: &Shape, from: DVec3, direction: DVec3, distance: f64) -> bool {
+        let to = from + distance * direction;
+        let along = Along::of(shape, from, direction);
+        match *self {
+            Sign::Leaves => along.leaves(distance),
+            Sign::Beside { low, high } => (from.z < low && to.z < low) || (from.z > high && to.z > high),
+            Sign::Past => distance <= 0.0,
+            Sign::Inside { limit } => [from, to].iter().all(|end| end.truncate().length_squared() < limit),
+            Sign::Off { margin } => along.stays_off(margin, distance),
+        }
+    }
+}
+
+impl Exit {
+    fn is_kept_to(&self, direction: DVec3) -> bool {
+        direction.z * self.pace >= 1.0
+    }
+
+    /// The most that a ray goes to there; it is not positive where the ray is beyond.
+    fn distance(&self, from: DVec3) -> f64 {
+        (self.plane - from.z) * self.pace
+    }
+}
+
+/// Where rays may leave a slab, those first that keep closest to its normal, as far as it matters for a sign.
+fn exits(sign: Sign, slab: Option<[f64; 2]>) -> impl Iterator<Item = Exit> {
+    let paces = match sign {
+        Sign::Beside { .. } => &[][..],
+        // It goes no way to its exit.
+        Sign::Past => &PACES[PACES.len() - 1..],
+        Sign::Leaves | Sign::Inside { .. } | Sign::Off { .. } => &PACES,
+    };
+    slab.into_iter().flat_map(move |[low, high]| {
+        paces.iter().flat_map(move |&pace| [Exit { plane: high, pace }, Exit { plane: low, pace: -pace }])
+    })
+}
+
+impl Stretch {
+    fn within(&self, frame: &Frame) -> Stretch {
+        let local = |p: DVec3| frame.rotation.transpose() * (p - frame.origin);
+        Stretch { from: local(self.from), to: local(self.to) }
+    }
+
+    fn direction_and_length(&self) -> (DVec3, f64) {
+        let way = self.to - self.from;
+        let length = way.length();
+        (way / length, length)
+    }
+}
+
+/// Whether nearly all rays end their stretches on a conic at the crossing that is nearer to their line's closest approach to
+/// its origin, and are seen to do so (`nearer_conic_distance` in the shader).
+pub fn end_at_nearer_crossing((frame, shape): &(Frame, Shape), pilot: &mut Pilot) -> bool {
+    shape.kind() == ShapeKind::Conic && pilot.takes(frame, |stretch| ends_at_nearer_crossing(shape, stretch))
+}
+
+fn ends_at_nearer_crossing(shape: &Shape, stretch: &Stretch) -> bool {
+    let (direction, distance) = stretch.direction_and_length();
+    let shift = -stretch.from.dot(direction);
+    let Along { a, g, f } = Along::of(shape, stretch.from + shift * direction, direction);
+    let q = -(g + (g * g - a * f).sqrt().copysign(g));
+    let t = f / q;
+    // A pilot in f32 has its roundings.
+    let is_met = (t + shift - distance).abs() <= 1e-3 * distance;
+    let room = (t + shift).abs() + 0.002 * (t.abs() + shift.abs());
+    is_met && (2.0 * q - a * (t - shift)).abs() > a.abs() * room
+}
+
+/// How nearly all rays come to a shape and go on from it: along its normal, which is to the side of its back medium, or
+/// against it; nothing where that is not the same for nearly all. A stretch without a length, between faces in contact,
+/// tells nothing: then the other does, and they are taken to go through.
+pub fn sides((frame, shape): &(Frame, Shape), pilot: &mut Pilot) -> Option<[bool; 2]> {
+    let all = [[true, true], [false, false], [true, false], [false, true]];
+    all.into_iter().find(|&along| {
+        pilot.takes_turn(frame, |stretches| {
+            let place = stretches[0].to;
+            let slopes = stretches.map(|stretch| Along::of(shape, place, stretch.to - stretch.from).g);
+            let agrees = |(slope, along): (f64, bool)| if along { slope >= 0.0 } else { slope <= 0.0 };
+            slopes != [0.0; 2] && slopes.into_iter().zip(along).all(agrees)
+        })
+    })
+}
+
+/// The rays of a pilot that take the path, and what was assumed of them.
+#[derive(Debug)]
+pub struct Pilot<'a> {
+    /// Theirs.
+    ways: &'a [Way],
+    /// The stretch that is looked at, by its number.
+    pub step: usize,
+    /// For so many of the rays all that is taken must hold.
+    least_share: f64,
+    /// For each ray, whether all that was taken so far does.
+    keeps: Vec<bool>,
+}
+
+impl<'a> Pilot<'a> {
+    /// Rays of whom nothing is assumed yet, and the share of them for which all that is taken must hold.
+    pub fn new(ways: &'a [Way], least_share: f64) -> Self {
+        Pilot { ways, step: 0, least_share, keeps: vec![true; ways.len()] }
+    }
+
+    /// Takes something for granted, if it and all that was taken before hold for the least share of the rays, in the
+    /// frame of a primitive.
+    pub fn takes(&mut self, frame: &Frame, holds: impl Fn(&Stretch) -> bool) -> bool {
+        let step = self.step;
+        self.takes_of_each(|way| match way.positions.get(step..step + 2) {
+            Some(&[from, to]) => holds(&Stretch { from, to }.within(frame)),
+            _ => false,
+        })
+    }
+
+    /// The same of the stretch and the one behind it.
+    pub fn takes_turn(&mut self, frame: &Frame, holds: impl Fn([&Stretch; 2]) -> bool) -> bool {
+        let step = self.step;
+        self.takes_of_each(|way| match way.positions.get(step..step + 3) {
+            Some(&[from, at, to]) => {
+                let [before, after] =
+                    [Stretch { from, to: at }, Stretch { from: at, to }].map(|stretch| stretch.within(frame));
+                holds([&before, &after])
+            }
+            _ => false,
+        })
+    }
+
+    fn takes_of_each(&mut self, is_so: impl Fn(&Way) -> bool) -> bool {
+        let rays = self.keeps.iter().zip(self.ways);
+        let keeps: Vec<bool> = rays.map(|(keeps, way)| *keeps && is_so(way)).collect();
+        let num = keeps.iter().filter(|keeps| **keeps).count();
+        let pays = num > 0 && num as f64 >= self.least_share * keeps.len() as f64;
+        if pays {
+            self.keeps = keeps;
+        }
+        pays
+    }
+}
+
+impl Along {
+    fn of(shape: &Shape, o: DVec3, d: DVec3) -> Self {
+        let Quadric { radial, axial, offset, constant } = quadric(shape);
+        let dot = |p: DVec3, q: DVec3| radial * (p.x * q.x + p.y * q.y) + axial * p.z * q.z;
+        Along { a: dot(d, d), g: dot(o, d) + offset * d.z, f: dot(o, o) + 2.0 * offset * o.z + constant }
+    }
+
+    fn leaves(&self, distance: f64) -> bool {
+        let half = 0.2505 * distance * self.a;
+        (self.g + half).abs() > half.abs() + 1e-15
+    }
+
+    fn stays_off(&self, margin: f64, distance: f64) -> bool {
+        let halfway = self.f + distance * self.g;
+        let there = halfway + distance * (self.g + self.a * distance);
+        let both_off = |x: f64, y: f64| (x + y).abs() > (x - y).abs() + 2.0 * margin;
+        both_off(self.f, halfway) && both_off(halfway, there)
+    }
+}
+
+/// Where a shape that lies between two planes across z begins and ends, with room for so large a share of lengths, where no
+/// place is farther from the origin than `size`; none where there are no such planes, or too steep a rim tells badly where.
+fn slab(shape: &Shape, size: f64, share: f64) -> Option<[f64; 2]> {
+    const LEAST_STEEPNESS: f64 = 0.1;
+    let Slab { ends, steepness } = shape.slab()?;
+    // A height at a rim is off by what the quadric is off there, over its steepness.
+    let size = match steepness {
+        None => size,
+        Some(steepness) if steepness >= LEAST_STEEPNESS && ends.iter().all(|z| z.is_finite()) => {
+            let farthest = size.max(ends[0].abs()).max(ends[1].abs());
+            size + magnitude(shape, farthest) / (2.0 * steepness.min(1.0))
+        }
+        Some(_) => return None,
+    };
+    let (low, high) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
+    let room = share * size.max(low.abs()).max(high.abs());
+    let slab = [low - room, high + room];
+    slab.iter().all(|z| z.abs() < f64::from(f32::MAX)).then_some(slab)
+}
+
+/// M: the largest sum of a quadric's terms within so far of the origin.
+fn magnitude(shape: &Shape, size: f64) -> f64 {
+    let Quadric { radial, axial, offset, constant } = quadric(shape);
+    (radial.abs() + axial.abs()) * size * size + 2.0 * offset.abs() * size + constant.abs()
+}
+
+/// The quadric of a shape. A main path is looked for where every shape has one.
+fn quadric(shape: &Shape) -> Quadric {
+    shape.quadric().unwrap_or(Quadric::PLANE)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::{Annulus, Conic, Frustum, Sphere};
+    use proptest::prelude::*;
+
+    fn point(reach: f64) -> impl Strategy<Value = DVec3> {
+        [-reach..reach, -reach..reach, -reach..reach].prop_map(DVec3::from_array)
+    }
+
+    fn shape() -> impl Strategy<Value = Shape> {
+        prop_oneof![
+            (-0.5..0.5f64, -3.0..2.0f64).prop_map(|(curvature, conic)| Shape::Conic(Conic {
+                curvature,
+                conic,
+                aperture_radius: 4.0
+            })),
+            (1.0..5.0f64).prop_map(|radius| Shape::Sphere(Sphere { radius, aperture_radius: None })),
+            (1.0..5.0f64, 1.0..5.0f64).prop_map(|(r_front, r_back)| Shape::Frustum(Frustum {
+                r_front,
+                r_back,
+                z_front: -1.0,
+                z_back: 2.0
+            })),
+        ]
+    }
+
+    fn to_the_end(sign: Sign) -> Clearance {
+        Clearance { sign, exit: None }
+    }
+
+    /// Where a straight line meets a shape, found by small steps along it: true if it crosses the quadric so near to a
+    /// place of the shape.
+    fn is_met(shape: &Shape, line: &Stretch) -> bool {
+        let on_shape = |p: DVec3| {
+            if let Shape::Conic(Conic { curvature, conic, aperture_radius }) = *shape {
+                1.0 - (1.0 + conic) * curvature * p.z >= 0.0 && p.truncate().length() <= aperture_radius
+            } else if let Shape::Frustum(Frustum { z_front, z_back, .. }) = *shape {
+                (z_front..=z_back).contains(&p.z)
+            } else if let Shape::Annulus(Annulus { inner_radius, outer_radius, .. }) = *shape {
+                (inner_radius..=outer_radius).contains(&p.truncate().length())
+            } else {
+                false
+            }
+        };
+        let at = |i: u32| line.from.lerp(line.to, f64::from(i) / 20_000.0);
+        let value = |p: DVec3| Along::of(shape, p, DVec3::Z).f;
+        (1..=20_000).any(|i| {
+            let (before, here) = (at(i - 1), at(i));
+            (value(before) < 0.0) != (value(here) < 0.0) && on_shape(before) && on_shape(here)
+        })
+    }
+
+    /// The quadric at many places of the stretch.
+    fn samples(shape: Shape, stretch: Stretch) -> impl Iterator<Item = f64> {
+        let at = move |i| stretch.from.lerp(stretch.to, f64::from(i) / 1000.0);
+        (0..=1000).map(move |i| Along::of(&shape, at(i), DVec3::Z).f)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+        #[test]
+        fn a_stretch_that_stays_off_a_quadric_has_no_crossing(
+            shape in shape(), from in point(6.0), to in point(6.0), margin in 0.0..0.5f64,
+        ) {
+            let stretch = Stretch { from, to };
+            if to_the_end(Sign::Off { margin }).holds(&shape, &stretch) {
+                let is_negative = Along::of(&shape, from, DVec3::Z).f < 0.0;
+                for value in samples(shape, stretch) {
+                    prop_assert!((value < 0.0) == is_negative && value.abs() > 0.99 * margin, "{value}");
+                }
+            }
+        }
+
+        #[test]
+        fn a_stretch_without_a_crossing_is_seen_to_stay_off(
+            shape in shape(), from in point(6.0), to in point(6.0),
+        ) {
+            let stretch = Stretch { from, to };
+            let no_crossing =
+                samples(shape.clone(), stretch).all(|f| f > 1e-3) || samples(shape.clone(), stretch).all(|f| f < -1e-3);
+            let way = to - from;
+            let along = Along::of(&shape, from, way.normalize());
+            let there = along.g + along.a * way.length();
+            // What bends towards 0 between the ends is not looked at any closer.
+            let bends = (along.g < 0.0) != (there < 0.0) && (along.a < 0.0) == (along.f < 0.0);
+            let off = to_the_end(Sign::Off { margin: 1e-4 });
+            prop_assert!(off.holds(&shape, &stretch) || bends || !no_crossing);
+        }
+
+        /// Whatever is taken for a clearance of one ray is one: far beyond its exit as well, if it has one.
+        #[test]
+        fn a_clearance_that_is_found_shows_that_nothing_is_met(
+            shape in prop_oneof![
+                shape().prop_filter("a ball has no end", |shape| !matches!(shape, Shape::Sphere(Sphere { .. }))),
+                (1.0..4.0f64).prop_map(|inner_radius| Shape::Annulus(Annulus {
+                    inner_radius, outer_radius: 5.0, z_offset: 0.5,
+                })),
+            ],
+            from in point(6.0), to in point(6.0), ends: bool,
+        ) {
+            let far = from + 8.0 * (to - from);
+            let way = Way { positions: vec![from, to, far], weights: Vec::new() };
+            let mut pilot = Pilot::new(std::slice::from_ref(&way), 1.0);
+            let frame = Frame { origin: DVec3::ZERO, rotation: glam::DMat3::IDENTITY };
+            let found = Clearance::of(&(frame, shape.clone()), false, ends, 11.0, Precision::F64, &mut pilot);
+            if let Some(clearance) = found {
+                let until = if clearance.exit.is_some() { far } else { to };
+                prop_assert!(!is_met(&shape, &Stretch { from, to: until }), "{clearance:?}");
+                prop_assert!(ends || clearance.exit.is_some());
+            }
+        }
+
+        #[test]
+        fn a_ray_that_leaves_a_cap_meets_it_nowhere_where_that_is_seen(
+            curvature in -0.2..0.2f64, conic in -3.0..1.0f64, x in -3.9..3.9f64, to in point(40.0), ends: bool,
+        ) {
+            let shape = Shape::Conic(Conic { curvature, conic, aperture_radius: 4.0 });
+            let root = (1.0 - (1.0 + conic) * (curvature * x).powi(2)).sqrt();
+            prop_assume!(root > 0.0);
+            let from = DVec3::new(x, 0.0, curvature * x * x / (1.0 + root));
+            let way = Way { positions: vec![from, to], weights: Vec::new() };
+            let mut pilot = Pilot::new(std::slice::from_ref(&way), 1.0);
+            let frame = Frame { origin: DVec3::ZERO, rotation: glam::DMat3::IDENTITY };
+            let found = Clearance::of(&(frame, shape.clone()), true, ends, 70.0, Precision::F64, &mut pilot);
+            if found.is_some() {
+                // It begins on the cap.
+                let start = from.lerp(to, 1e-3);
+                prop_assert!(!is_met(&shape, &Stretch { from: start, to }), "{found:?}");
+            }
+        }
+
+        #[test]
+        fn a_ray_that_leaves_a_quadric_has_its_other_crossing_elsewhere(
+            shape in shape(), from in point(4.0), to in point(6.0),
+        ) {
+            // On the quadric that its constant makes go through `from`.
+            let distance = (to - from).length();
+            let along = Along { f: 0.0, ..Along::of(&shape, from, (to - from) / distance) };
+            let crossing = -2.0 * along.g / along.a;
+            if along.leaves(distance) {
+                prop_assert!(!(crossing > 0.0 && crossing <= distance), "{crossing} of {distance}");
+            } else {
+                prop_assert!(crossing > 0.0 && crossing <= 1.002 * distance, "{crossing} of {distance}");
+            }
+        }
+    }
+}

@@ -1,0 +1,59 @@
+//! What suits an adapter that is a processor: where sums are added up, in what memory tables lie, how many rays an invocation
+//! follows. Of a graphics processor it is nothing that the plain loop does not do.
+
+use crate::cpu::vector_width;
+use crate::gpu::compute::TEXEL_BYTES;
+use crate::gpu::{Gpu, processors};
+use crate::program::TEXELS_PER_LINE;
+
+/// What suits an adapter.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Profile {
+    /// How many processors the adapter is; none if it is no processor.
+    pub processors: Option<u32>,
+    /// The host should add up where rays end: on a processor, an atomic costs each emulated lane ten times a store.
+    pub host_sums: bool,
+    /// Tables of at most so many bytes are better read from a uniform buffer than from a storage buffer. Processors read
+    /// uniforms, by words, without a check of every lane; GPUs read storage faster where invocations diverge.
+    pub uniform_bytes: u32,
+    /// Tables of at most so many bytes are better read from an image than from a buffer, where invocations read different
+    /// rows: lavapipe reads a texel as a whole, and the words of a buffer lane by lane. Other processors' drivers were not
+    /// tried.
+    pub texel_bytes: u64,
+    /// Lanes of a subgroup should store positions together: where vectors have 512 bits, whose later parts the processor
+    /// reads slowly (shaders/cpu/path/lanes.together.wgsl).
+    pub stores_together: bool,
+    /// Two devices keep the adapter busier than one: lavapipe deals a dispatch out to processors in equal parts, and waits
+    /// for the last of them before it begins the next of the same device.
+    pub two_devices: bool,
+}
+
+impl Profile {
+    /// That of an open device.
+    pub fn of(gpu: &Gpu) -> Self {
+        if !gpu.info.class.emulates_lanes() {
+            return Profile::default();
+        }
+        let (limits, processors) = (gpu.device.limits(), processors::count() as u32);
+        Profile {
+            processors: Some(processors),
+            host_sums: gpu.has_shared_memory(),
+            uniform_bytes: limits.max_uniform_buffer_binding_size.min(u64::from(u32::MAX)) as u32,
+            texel_bytes: if gpu.info.is_vulkan() { texel_bytes(gpu, &limits) } else { 0 },
+            stores_together: gpu.lanes >= WIDE && vector_width::have_slow_parts(),
+            two_devices: gpu.info.is_vulkan() && processors > 1,
+        }
+    }
+}
+
+/// Lanes of vectors of 512 bits.
+const WIDE: u32 = 16;
+
+/// What the largest image of texels holds.
+fn texel_bytes(gpu: &Gpu, limits: &wgpu::Limits) -> u64 {
+    let is_possible = limits.max_storage_textures_per_shader_stage >= 1
+        && limits.max_texture_dimension_2d >= TEXELS_PER_LINE;
+    let lines = if is_possible { limits.max_texture_dimension_2d } else { 0 };
+    let image = u64::from(TEXEL_BYTES) * u64::from(TEXELS_PER_LINE) * u64::from(lines);
+    image.min(gpu.largest_binding())
+}

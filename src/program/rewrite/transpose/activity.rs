@@ -1,0 +1,173 @@
+//! Which values of a function depend on a number by which a trace can be differentiated.
+
+use crate::program::rewrite::function::inner_blocks;
+use crate::program::rewrite::jvp::rules::{Rule, rule};
+use crate::program::rewrite::transpose::transposing::{Activity, Transposing, is_pointer};
+use naga::{Block, Expression, Function, Handle, LocalVariable, ScalarKind, Statement};
+use std::collections::HashSet;
+
+impl Transposing<'_> {
+    /// What is known of a function whose arguments vary where `mask` says so.
+    pub(super) fn activity(&mut self, function: Handle<Function>, mask: &[bool]) -> Activity {
+        let key = (function, mask.to_vec());
+        if let Some(known) = self.activities.get(&key) {
+            return known.clone();
+        }
+        let old = &self.module.functions[function];
+        let mut search = Search {
+            shared: self,
+            old,
+            function,
+            mask,
+            found: Activity::default(),
+            locals: HashSet::new(),
+            results: HashSet::new(),
+        };
+        search.found.has_effects =
+            old.arguments.iter().zip(mask).any(|(argument, varies)| {
+                *varies && is_pointer(&search.shared.module.types[argument.ty].inner)
+            });
+        loop {
+            let before = (search.found.varied.len(), search.locals.len(), search.results.len());
+            search.block(&old.body);
+            // What no statement computes: arguments, and pointers to variables.
+            for (value, _) in old.expressions.iter() {
+                search.varies(value);
+            }
+            if before == (search.found.varied.len(), search.locals.len(), search.results.len()) {
+                break;
+            }
+        }
+        let found = search.found;
+        self.activities.insert(key, found.clone());
+        found
+    }
+
+    /// Which arguments of a call vary.
+    pub(super) fn mask(
+        &self,
+        caller: Handle<Function>,
+        arguments: &[Handle<Expression>],
+        varied: &HashSet<Handle<Expression>>,
+    ) -> Vec<bool> {
+        let of = |argument: &Handle<Expression>| {
+            let inner = self.inner(caller, *argument);
+            self.has_reals(inner) && (is_pointer(inner) || varied.contains(argument))
+        };
+        arguments.iter().map(of).collect()
+    }
+}
+
+struct Search<'r, 'm> {
+    shared: &'r mut Transposing<'m>,
+    old: &'m Function,
+    function: Handle<Function>,
+    mask: &'r [bool],
+    found: Activity,
+    locals: HashSet<Handle<LocalVariable>>,
+    results: HashSet<Handle<Expression>>,
+}
+
+impl Search<'_, '_> {
+    fn block(&mut self, block: &Block) {
+        block.iter().for_each(|statement| self.statement(statement));
+    }
+
+    fn statement(&mut self, statement: &Statement) {
+        match statement {
+            Statement::Emit(range) => range.clone().for_each(|value| {
+                self.varies(value);
+            }),
+            Statement::Store { pointer, value } if self.varies(*value) => self.may_vary(*pointer),
+            Statement::Return { value: Some(value) } => self.found.varies |= self.varies(*value),
+            Statement::Call { function, arguments, result } => self.call(*function, arguments, *result),
+            other => inner_blocks(other).for_each(|block| self.block(block)),
+        }
+    }
+
+    fn call(
+        &mut self,
+        function: Handle<Function>,
+        arguments: &[Handle<Expression>],
+        result: Option<Handle<Expression>>,
+    ) {
+        arguments.iter().for_each(|argument| {
+            self.varies(*argument);
+        });
+        let varies = match rule(self.shared.name(function)) {
+            Some(Rule::Constant | Rule::Recalled(_)) => false,
+            Some(Rule::Attached) => self.varies(arguments[1]),
+            Some(Rule::Note) => {
+                self.found.has_effects |= self.varies(arguments[1]);
+                false
+            }
+            Some(Rule::Exponential | Rule::Logarithm | Rule::Turned(..)) => self.varies(arguments[0]),
+            None => {
+                let mask = self.shared.mask(self.function, arguments, &self.found.varied);
+                for (argument, varies) in arguments.iter().zip(&mask) {
+                    if *varies && is_pointer(self.shared.inner(self.function, *argument)) {
+                        self.may_vary(*argument);
+                    }
+                }
+                let of_call = self.shared.activity(function, &mask);
+                self.found.has_effects |= of_call.has_effects;
+                of_call.varies
+            }
+        };
+        if let (true, Some(result)) = (varies, result) {
+            self.results.insert(result);
+            self.varies(result);
+        }
+    }
+
+    /// Notes that the variable of a pointer varies.
+    fn may_vary(&mut self, pointer: Handle<Expression>) {
+        match &self.old.expressions[pointer] {
+            Expression::LocalVariable(variable) => {
+                self.locals.insert(*variable);
+            }
+            Expression::GlobalVariable(variable) => {
+                self.found.has_effects |= self.shared.twins.contains_key(variable);
+            }
+            Expression::Access { base, .. } | Expression::AccessIndex { base, .. } => self.may_vary(*base),
+            _ => {}
+        }
+    }
+
+    /// True if a value varies, or the variable of a pointer.
+    fn varies(&mut self, value: Handle<Expression>) -> bool {
+        if self.found.varied.contains(&value) {
+            return true;
+        }
+        if !self.shared.has_reals(self.shared.inner(self.function, value)) {
+            return false;
+        }
+        let any = |this: &mut Self, values: &[Option<Handle<Expression>>]| {
+            values.iter().flatten().any(|value| this.varies(*value))
+        };
+        let varies = match &self.old.expressions[value] {
+            Expression::FunctionArgument(index) => self.mask[*index as usize],
+            Expression::LocalVariable(variable) => self.locals.contains(variable),
+            Expression::GlobalVariable(variable) => self.shared.twins.contains_key(variable),
+            Expression::CallResult(_) => self.results.contains(&value),
+            Expression::Load { pointer } => self.varies(*pointer),
+            Expression::Compose { components, .. } => {
+                components.iter().any(|component| self.varies(*component))
+            }
+            Expression::Splat { value: base, .. }
+            | Expression::Swizzle { vector: base, .. }
+            | Expression::Access { base, .. }
+            | Expression::AccessIndex { base, .. }
+            | Expression::Unary { expr: base, .. }
+            | Expression::As { expr: base, kind: ScalarKind::Float, .. } => self.varies(*base),
+            Expression::Binary { left, right, .. } => any(self, &[Some(*left), Some(*right)]),
+            Expression::Select { accept, reject, .. } => any(self, &[Some(*accept), Some(*reject)]),
+            Expression::Math { arg, arg1, arg2, arg3, .. } => any(self, &[Some(*arg), *arg1, *arg2, *arg3]),
+            _ => false,
+        };
+        if varies {
+            self.found.varied.insert(value);
+        }
+        varies
+    }
+}

@@ -1,0 +1,247 @@
+//! A scene ready to trace: the face of the engine ([`crate::engine::wavefront`]).
+//!
+//! [`Tracer`] picks a strategy that suits the adapter, or the plain way. All give the same bits.
+
+#[cfg(feature = "cpu")]
+use crate::cpu::{Choices, Cpu};
+use crate::engine::limits::num_rounds;
+use crate::engine::options::TraceOptions;
+use crate::engine::prepare::{prepare, prepare_on_shelf};
+use crate::engine::rounds::MOST_IN_GROUP;
+use crate::engine::shelf::Shelf;
+use crate::engine::strategy::{Plain, Strategy};
+use crate::engine::undrained::empty_tally;
+use crate::engine::wavefront::Progress;
+use crate::engine::{Engine, wavefront};
+use crate::error::{Error, Result};
+use crate::gpu::Gpu;
+use crate::gpu::profile::Profile;
+use crate::model::{SceneIr, Sequence};
+use crate::program::Program;
+use crate::result::{Recorded, Recording, StageTime, Tally};
+use glam::DVec3;
+use std::collections::HashMap;
+use std::time::{Duration, Instant};
+
+/// A scene ready to trace on a device.
+pub struct Tracer<'a> {
+    engine: Engine<'a>,
+    strategy: Box<dyn Strategy>,
+}
+
+/// The strategy that suits the adapter, if it takes the scene; else the plain one.
+#[cfg(feature = "cpu")]
+fn strategy(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions, choices: &Choices) -> Box<dyn Strategy> {
+    match Cpu::for_adapter(gpu, choices) {
+        Some(cpu) if cpu.takes(ir, options) => Box::new(cpu),
+        Some(_) | None => Box::new(Plain),
+    }
+}
+
+impl<'a> Tracer<'a> {
+    /// Prepares a scene: composes, compiles and packs it.
+    ///
+    /// # Errors
+    /// [`crate::Error::Usage`] for options that make no sense, or that the device cannot do. [`crate::Error::Device`]
+    /// if the scene does not fit the device.
+    pub fn new(gpu: &'a Gpu, ir: &'a SceneIr, options: &TraceOptions) -> Result<Self> {
+        #[cfg(feature = "cpu")]
+        let strategy = strategy(gpu, ir, options, &Choices::default());
+        #[cfg(not(feature = "cpu"))]
+        let strategy = Box::new(Plain);
+        Self::with_strategy(gpu, ir, options, strategy, |wgsl| wgsl)
+    }
+
+    /// As [`Tracer::new`], in the plain way, with the shaders of a shelf: with [`TraceOptions::live`], scenes of one shape
+    /// share a compiled shader.
+    ///
+    /// # Errors
+    /// As [`Tracer::new`].
+    pub fn on_shelf(gpu: &'a Gpu, ir: &'a SceneIr, options: &TraceOptions, shelf: &Shelf) -> Result<Self> {
+        Ok(Tracer { engine: prepare_on_shelf(gpu, ir, options, shelf)?, strategy: Box::new(Plain) })
+    }
+
+    /// As [`Tracer::new`], in the plain way on every adapter: for measurements.
+    #[doc(hidden)]
+    pub fn plain(gpu: &'a Gpu, ir: &'a SceneIr, options: &TraceOptions) -> Result<Self> {
+        Self::with_strategy(gpu, ir, options, Box::new(Plain), |wgsl| wgsl)
+    }
+
+    /// As [`Tracer::plain`]. `edit` changes the composed text: for tests that plant an error in a shader.
+    pub(crate) fn plain_edited(
+        gpu: &'a Gpu,
+        ir: &'a SceneIr,
+        options: &TraceOptions,
+        edit: impl FnOnce(String) -> String,
+    ) -> Result<Self> {
+        Self::with_strategy(gpu, ir, options, Box::new(Plain), edit)
+    }
+
+    fn with_strategy(
+        gpu: &'a Gpu,
+        ir: &'a SceneIr,
+        options: &TraceOptions,
+        mut strategy: Box<dyn Strategy>,
+        edit: impl FnOnce(String) -> String,
+    ) -> Result<Self> {
+        let engine = prepare(gpu, ir, options, strategy.as_mut(), edit)?;
+        Ok(Tracer { engine, strategy })
+    }
+
+    /// As [`Tracer::new`], for tests. `edit` changes the composed text, so that a test can plant an error in a shader.
+    /// `choices` sets what the software wing does, even where that does not pay.
+    #[cfg(feature = "cpu")]
+    #[doc(hidden)]
+    pub fn with_choices(
+        gpu: &'a Gpu,
+        ir: &'a SceneIr,
+        options: &TraceOptions,
+        choices: &Choices,
+        edit: impl FnOnce(String) -> String,
+    ) -> Result<Self> {
+        Self::with_strategy(gpu, ir, options, strategy(gpu, ir, options, choices), edit)
+    }
+
+    /// The composed program.
+    pub fn program(&self) -> &Program {
+        &self.engine.plan.program
+    }
+
+    /// The number of devices that trace.
+    #[doc(hidden)]
+    pub fn num_devices(&self) -> usize {
+        1 + self.strategy.devices().len()
+    }
+
+    /// The number of submissions, over all traces.
+    #[doc(hidden)]
+    pub fn num_submissions(&self) -> u64 {
+        self.engine.num_submissions
+    }
+
+    /// How many rays of the last trace were traced along the main path, and how many of them it rejected. The same for
+    /// each side path follows.
+    #[doc(hidden)]
+    pub fn num_along_paths(&self) -> Vec<[u64; 2]> {
+        self.strategy.num_along_paths()
+    }
+
+    /// Sets the seed of the draws from now on. Nothing is compiled anew.
+    pub fn set_seed(&mut self, seed: u64) {
+        self.engine.set_seed(self.strategy.devices(), seed);
+    }
+
+    /// Sets how long passes should take from now on. A pass has at least one dispatch, whose rays then also take no
+    /// longer, unless they are few. No result changes.
+    pub fn set_pass_time(&mut self, time: Duration) {
+        self.engine.pass_time = time;
+    }
+
+    /// When the first rays of this tracer's first trace had been traced; `None` before.
+    pub fn first_end(&self) -> Option<Instant> {
+        self.engine.first_end
+    }
+
+    /// Times the stages of traces from now on, on one device: the stages of two devices would wait for each other. The
+    /// sums stay the same bits. The trace becomes slower.
+    ///
+    /// # Errors
+    /// [`crate::Error::Usage`] if the adapter has no timestamps.
+    pub fn enable_profile(&mut self) -> Result<()> {
+        let num_rounds = num_rounds(&self.engine.plan.program).min(MOST_IN_GROUP);
+        let num_stages = 2 * num_rounds as u64;
+        self.engine.profile = Some(Profile::new(self.engine.gpu, num_stages)?);
+        self.strategy.keep_one_device();
+        Ok(())
+    }
+
+    /// From now on, rows go to recordings, pass by pass, instead of the tally. So memory need not grow with the rays.
+    /// Each source has its own recording, with rows in the order of (ray id, event): the ids of a source ascend from
+    /// pass to pass.
+    pub fn record_to(&mut self, recording: impl Fn() -> Recording) {
+        self.engine.rows.record_to(self.engine.plan.rays.len(), recording);
+    }
+
+    /// The rows recorded since [`Tracer::record_to`], with sources in order; `None` without that call.
+    ///
+    /// # Errors
+    /// [`crate::Error::File`] if a file cannot be read or written.
+    pub fn take_recorded(&mut self) -> Result<Option<Recorded>> {
+        self.engine.rows.take_recorded()
+    }
+
+    /// The times of the stages on the device; empty unless they were timed.
+    pub fn stage_times(&self) -> Vec<StageTime> {
+        let sums = self.engine.profile.iter().flat_map(Profile::times);
+        sums.map(|sum| StageTime {
+            stage: sum.stage.into(),
+            num_dispatches: sum.num_dispatches,
+            time_sec: sum.seconds,
+        })
+        .collect()
+    }
+
+    /// Traces every ray, in passes of about 40 ms. After each pass, `keep_going` gets the number of rays done, and
+    /// stops the trace by returning false.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] if the device fails.
+    pub fn trace(&mut self, mut keep_going: impl FnMut(u64) -> bool) -> Result<Tally> {
+        self.go_on_checked(self.empty_tally(), |progress| Ok(keep_going(progress.done)))
+    }
+
+    /// Traces the rays that `begun` lacks, and returns the sum of all rays. After each pass, `keep_going` gets the
+    /// progress, may take a snapshot of the sums, and stops the trace by returning false.
+    ///
+    /// # Errors
+    /// [`crate::Error::Usage`] if `begun` is not the beginning of this trace. [`crate::Error::Device`] if the device
+    /// fails. Any error of `keep_going`.
+    pub fn go_on(
+        &mut self,
+        begun: Tally,
+        keep_going: impl FnMut(&mut Progress<'_, 'a>) -> Result<bool>,
+    ) -> Result<Tally> {
+        let refused = |problem| Error::Usage(format!("what the trace should go on from {problem}"));
+        begun.check(self.engine.ir).map_err(refused)?;
+        self.go_on_checked(begun, keep_going)
+    }
+
+    /// As [`Tracer::go_on`], from sums that were checked, or that a tracer of this scene made. The check looks at every
+    /// cell, and blocks of a trace go on often.
+    pub(crate) fn go_on_checked(
+        &mut self,
+        begun: Tally,
+        keep_going: impl FnMut(&mut Progress<'_, 'a>) -> Result<bool>,
+    ) -> Result<Tally> {
+        wavefront::trace(&mut self.engine, self.strategy.as_mut(), begun, keep_going)
+    }
+
+    /// The number of rays of the whole trace.
+    pub fn num_rays(&self) -> u64 {
+        self.engine.plan.num_rays
+    }
+
+    /// Ends a pass at a position, if the position lies ahead. A decision taken there depends neither on the batch size
+    /// nor on the speed of the device.
+    pub fn pause_at(&mut self, position: u64) {
+        self.engine.pause = Some(position);
+    }
+
+    /// The position from which a trace goes on that has come as far as `begun`.
+    ///
+    /// # Errors
+    /// [`crate::Error::Usage`] if `begun` is not the beginning of this trace.
+    pub fn position_after(&self, begun: &Tally) -> Result<u64> {
+        self.engine.plan.position_after(begun)
+    }
+
+    /// Where some ray came to the end of each path that this tracer found, in the scene's frame \[mm\].
+    pub fn found_paths(&self) -> HashMap<&Sequence, DVec3> {
+        self.engine.found_paths()
+    }
+
+    /// A tally without rays, in the scene's shape.
+    pub fn empty_tally(&self) -> Tally {
+        empty_tally(self.engine.ir)
+    }
+}
