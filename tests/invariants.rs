@@ -331,19 +331,6 @@ fn shaders_without_run_time_checks_give_the_same_bits() {
     }
 }
 
-/// A processor without 64-bit integers writes words of 32 bits.
-#[test]
-fn logs_of_32_bit_words_add_up_to_the_same_bits() {
-    let gpu = zoo::logging_in_32_bits_gpu();
-    for name in ["bench_lens", "bench_cavity", "kaleidoscope"] {
-        let ir = zoo::load(name);
-        let options = zoo::options(2000, 11, Precision::F32);
-        let [deposited, logged] =
-            [false, true].map(|host| options.with(|choices| choices.host_sums = When::forced(host)));
-        assert!(zoo::trace_on(gpu, &ir, &logged) == zoo::trace(&ir, &deposited), "{name}: other bits");
-    }
-}
-
 /// Where every surface absorbs, no shader marks what was reached.
 #[test]
 fn absorbers_are_told_as_reached_in_every_form() {

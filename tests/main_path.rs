@@ -117,40 +117,6 @@ fn invocations_of_one_ray_or_several_have_the_same_bits() {
     }
 }
 
-/// Some lanes of a vector store the places of others.
-#[test]
-fn lanes_that_store_together_have_the_same_bits() {
-    if zoo::gpu().lanes == 1 {
-        return zoo::skip("lanes that store together", "the adapter has no subgroups of one size");
-    }
-    let [lens, cavity, billiard] = ["bench_lens", "bench_cavity", "mirror_ball_billiard"].map(zoo::load);
-    let mut aslant = cavity.clone();
-    aslant.sources[0].frame.rotation = DMat3::from_rotation_y(0.02);
-    // Batches that vectors fill; one ray more; two and three that are missing.
-    for (ir, max_depth, num_rays, num_places) in
-        [(&lens, 16, 4096, 1), (&cavity, 16, 4097, 1), (&billiard, 16, 4094, 1), (&aslant, 6, 4093, 3)]
-    {
-        for (precision, rays_per_invocation, side_by_side) in [
-            (Precision::F32, 1, true),
-            (Precision::F64, 1, false),
-            (Precision::F64, 1, true),
-            (Precision::F64, 3, false),
-        ] {
-            let rays = TraceOptions { num_rays, max_depth, batch_size: Some(2048), ..options(precision) };
-            let rays = rays.with(|choices| choices.rays_per_invocation = Some(rays_per_invocation));
-            assert_eq!(arrivals(ir, &rays).unwrap().len(), num_places);
-            let together = with_main_path(&rays).with(|choices| {
-                choices.stores_together = When::Always;
-                choices.side_by_side = When::forced(side_by_side);
-            });
-            let mut tracer = together.tracer(zoo::gpu(), ir).unwrap();
-            assert!(tracer.program().wgsl.contains("subgroupShuffle"), "no lanes together");
-            let tally = tracer.trace(|_| true).unwrap();
-            assert!(tally == trace(ir, &rays).0, "{num_rays} rays in {precision:?}: other bits");
-        }
-    }
-}
-
 /// Two mirrors between which rays pass a detector at one place after the other.
 fn cavity_without_losses() -> SceneIr {
     let mut ir = zoo::load("bench_cavity");
@@ -397,15 +363,12 @@ fn where_media_alone_take_from_rays_they_log_what_they_weigh() {
             let rays = TraceOptions { num_rays: 20_000, batch_size: Some(5_500), ..options(precision) };
             assert_eq!(attenuating_legs(ir, &rays), expected, "in {precision:?}");
             let tally = trace(ir, &rays).0;
-            for (stores_together, baked, gpu) in [
-                (false, true, zoo::gpu()),
-                (false, false, zoo::portable_gpu()),
-                (zoo::gpu().lanes > 1, true, zoo::gpu()),
-            ] {
+            for (baked, gpu) in [(true, zoo::gpu()), (false, zoo::portable_gpu())] {
                 let rays = TraceOptions { baked: Some(baked), ..rays.clone() };
-                let with = with_main_path(&rays)
-                    .with(|choices| choices.stores_together = When::forced(stores_together));
-                assert!(zoo::trace_on(gpu, ir, &with) == tally, "{expected:?} in {precision:?}: other bits");
+                assert!(
+                    zoo::trace_on(gpu, ir, &with_main_path(&rays)) == tally,
+                    "{expected:?} in {precision:?}: other bits"
+                );
             }
         }
     }
@@ -488,9 +451,8 @@ fn rays_rejected_alike_follow_side_paths() {
         (tinted_lens_of_two_sources(air), [Some(0), Some(2)]),
         (tinted_lens_of_two_sources(glass), [Some(0), Some(2)]),
     ] {
-        for (precision, stores_together) in [(Precision::F32, true), (Precision::F64, false)] {
+        for precision in [Precision::F32, Precision::F64] {
             let rays = TraceOptions { num_rays: 20_000, batch_size: Some(5_500), ..options(precision) };
-            let rays = rays.with(|choices| choices.stores_together = When::forced(stores_together));
             let mut tracer = with_main_path(&rays).tracer(zoo::gpu(), &ir).unwrap();
             assert_eq!(side_paths(&tracer)[..2], there_and_back, "{precision:?}");
             let legs = CpuExtension::of_program(tracer.program())

@@ -10,25 +10,16 @@ use std::any::Any;
 use std::sync::LazyLock;
 
 /// What is asked for. No part of it changes a bit of a result.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Wanted {
     /// Rays write down where they end, and the host adds it up. Without it, nothing is added.
     pub host_sums: bool,
     /// An invocation follows two rays of the main path side by side, where it can.
     pub side_by_side: bool,
-    /// Lanes of a subgroup whose arrivals on the main path are stored together (shaders/cpu/path/lanes.together.wgsl); 1 if
-    /// each stores its own.
-    pub lanes: u32,
     /// The path that most rays take, for a stage of its own.
     pub main_path: Option<PilotPath>,
     /// Those that most of the others take, the most frequent first, for stages of their own.
     pub side_paths: Vec<PilotPath>,
-}
-
-impl Default for Wanted {
-    fn default() -> Self {
-        Wanted { host_sums: false, side_by_side: false, lanes: 1, main_path: None, side_paths: Vec::new() }
-    }
 }
 
 /// What is added for a scene. Paths are there only where there is a log.
@@ -48,8 +39,6 @@ pub struct CpuExtension {
     pub(crate) has_pairs: bool,
     /// Rays that an invocation follows along a path, one after the other.
     pub(crate) rays_per_invocation: u32,
-    /// Lanes that store together.
-    pub(crate) lanes: u32,
 }
 
 impl CpuExtension {
@@ -75,7 +64,6 @@ impl CpuExtension {
                 && path_log.as_ref().is_some_and(|log| log.tells_all)
                 && !features.has_meshes(),
             rays_per_invocation: rays_per_invocation(scene, path_log.as_ref()),
-            lanes: wanted.lanes,
             main_path: Some(main_path),
             path_log,
             side_paths,
@@ -88,11 +76,6 @@ impl CpuExtension {
         static NOTHING: LazyLock<CpuExtension> = LazyLock::new(CpuExtension::default);
         let extension: &dyn Any = program.extension.as_ref();
         extension.downcast_ref().unwrap_or(&NOTHING)
-    }
-
-    /// Lanes of a subgroup store their arrivals together.
-    pub(crate) fn stores_together(&self) -> bool {
-        self.path_log.is_some() && self.lanes > 1
     }
 
     /// Rays of the main path log what they weigh.

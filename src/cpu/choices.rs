@@ -49,9 +49,6 @@ pub struct Choices {
     /// Invocations follow two rays of the main path at a time, where they can. It pays on processors, whose instructions would
     /// wait for each other.
     pub side_by_side: When,
-    /// Lanes of a processor's vectors store together where rays of the main path arrive, instead of each alone. It pays on a
-    /// processor that reads the parts of a wide vector slowly.
-    pub stores_together: When,
     /// Most rays that an invocation follows one after the other, where it may follow several; where not given, several on a
     /// processor, as long as it has workgroups enough.
     pub rays_per_invocation: Option<u32>,
@@ -62,14 +59,11 @@ pub struct Choices {
 impl Choices {
     /// Refuses what an adapter cannot do.
     pub(crate) fn check(&self, gpu: &Gpu) -> Result<()> {
-        let name = &gpu.info.name;
         if self.host_sums == When::Always && !gpu.has_shared_memory() {
+            let name = &gpu.info.name;
             return Err(Error::Usage(format!(
                 "the adapter `{name}` shares no memory with the host, which cannot add up"
             )));
-        }
-        if self.stores_together == When::Always && gpu.lanes == 1 {
-            return Err(Error::Usage(format!("the adapter `{name}` has no subgroups of one size")));
         }
         Ok(())
     }

@@ -22,15 +22,10 @@ impl Extend for Wanted {
 }
 
 impl CpuExtension {
-    fn constants(&self, composition: &Composition) -> Constants {
+    fn constants(&self) -> Constants {
         let mut constants = Constants::default();
         if self.main_path.is_some() {
             constants.uint("PATH_RAYS_PER_INVOCATION", self.rays_per_invocation);
-        }
-        if self.stores_together() {
-            constants.uint("LANES", self.lanes);
-            // Half of a vector of f32, or of one of f64, of which there are two.
-            constants.uint("LANES_TOGETHER", if composition.precision() == Precision::F64 { 4 } else { 2 });
         }
         if let Some(log) = &self.end_log {
             constants.uint("LOG_WORDS", log.num_words());
@@ -63,11 +58,6 @@ impl CpuExtension {
                 shader!("cpu/path/path_log.entries.wgsl"),
             ),
             either(
-                self.stores_together(),
-                shader!("cpu/path/lanes.together.wgsl"),
-                shader!("cpu/path/lanes.alone.wgsl"),
-            ),
-            either(
                 self.logs_weights(),
                 shader!("cpu/path/path_losses.reported.wgsl"),
                 shader!("cpu/path/path_losses.deposited.wgsl"),
@@ -77,16 +67,10 @@ impl CpuExtension {
     }
 
     fn arrivals_file(&self, composition: &Composition) -> ShaderFile {
-        let together = self.stores_together();
-        let reals = composition.precision() == Precision::F64;
-        match (self.logs_weights(), together, reals, composition.options.native) {
-            (true, true, ..) => shader!("cpu/log/arrivals.weighted_together.wgsl"),
-            (true, false, ..) => shader!("cpu/log/arrivals.weighted.wgsl"),
-            (false, true, true, _) => shader!("cpu/log/arrivals.reals_together.wgsl"),
-            (false, true, false, _) => shader!("cpu/log/arrivals.words_together.wgsl"),
-            (false, false, true, _) => shader!("cpu/log/arrivals.reals.wgsl"),
-            (false, false, false, true) => shader!("cpu/log/arrivals.packed.wgsl"),
-            (false, false, false, false) => shader!("cpu/log/arrivals.words.wgsl"),
+        match (self.logs_weights(), composition.precision()) {
+            (true, _) => shader!("cpu/log/arrivals.weighted.wgsl"),
+            (false, Precision::F64) => shader!("cpu/log/arrivals.reals.wgsl"),
+            (false, Precision::F32 | Precision::Df64) => shader!("cpu/log/arrivals.packed.wgsl"),
         }
     }
 }
@@ -106,7 +90,7 @@ impl Extension for CpuExtension {
     }
 
     fn add(&self, composition: &Composition, text: &mut Text) -> Result<()> {
-        text.composed("cpu::extension", self.constants(composition).text());
+        text.composed("cpu::extension", self.constants().text());
         text.files(self.files(composition));
         text.composed("cpu::path::compose", &Stages { extension: self, composition }.text()?);
         Ok(())
@@ -130,7 +114,6 @@ fn entries_file(form: Form) -> ShaderFile {
     match form {
         Form::Counts => shader!("cpu/log/entries.counts.wgsl"),
         Form::Packed => shader!("cpu/log/entries.packed.wgsl"),
-        Form::Words => shader!("cpu/log/entries.words.wgsl"),
         Form::Reals => shader!("cpu/log/entries.reals.wgsl"),
     }
 }

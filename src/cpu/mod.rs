@@ -176,12 +176,6 @@ impl Cpu {
         let least_rays = workgroups * u64::from(options.workgroup_size.max(1));
         (dispatch_rays / least_rays).clamp(1, MOST_RAYS_PER_INVOCATION) as u32
     }
-
-    /// Lanes that store together: 1 where workgroups are not made of whole subgroups.
-    fn lanes_together(&self, gpu: &Gpu, options: &TraceOptions) -> u32 {
-        let is_wanted = self.choices.stores_together.holds(|| self.profile.stores_together);
-        if is_wanted && options.workgroup_size.is_multiple_of(gpu.lanes) { gpu.lanes } else { 1 }
-    }
 }
 
 /// A stage for each path. Those of side paths are compiled when they are first needed.
@@ -226,7 +220,6 @@ impl Strategy for Cpu {
         let mut wanted = Wanted {
             host_sums: choices.host_sums.holds(|| profile.host_sums),
             side_by_side: choices.side_by_side.holds(|| profile.processors.is_some()),
-            lanes: self.lanes_together(gpu, options),
             ..Default::default()
         };
         if wanted.host_sums

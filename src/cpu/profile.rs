@@ -1,7 +1,6 @@
 //! What suits an adapter that is a processor: where sums are added up, in what memory tables lie, how many rays an invocation
 //! follows. Of a graphics processor it is nothing that the plain loop does not do.
 
-use crate::cpu::vector_width;
 use crate::gpu::compute::TEXEL_BYTES;
 use crate::gpu::{Gpu, processors};
 use crate::program::TEXELS_PER_LINE;
@@ -20,9 +19,6 @@ pub struct Profile {
     /// rows: lavapipe reads a texel as a whole, and the words of a buffer lane by lane. Other processors' drivers were not
     /// tried.
     pub texel_bytes: u64,
-    /// Lanes of a subgroup should store positions together: where vectors have 512 bits, whose later parts the processor
-    /// reads slowly (shaders/cpu/path/lanes.together.wgsl).
-    pub stores_together: bool,
     /// Two devices keep the adapter busier than one: lavapipe deals a dispatch out to processors in equal parts, and waits
     /// for the last of them before it begins the next of the same device.
     pub two_devices: bool,
@@ -40,14 +36,10 @@ impl Profile {
             host_sums: gpu.has_shared_memory(),
             uniform_bytes: limits.max_uniform_buffer_binding_size.min(u64::from(u32::MAX)) as u32,
             texel_bytes: if gpu.info.is_vulkan() { texel_bytes(gpu, &limits) } else { 0 },
-            stores_together: gpu.lanes >= WIDE && vector_width::have_slow_parts(),
             two_devices: gpu.info.is_vulkan() && processors > 1,
         }
     }
 }
-
-/// Lanes of vectors of 512 bits.
-const WIDE: u32 = 16;
 
 /// What the largest image of texels holds.
 fn texel_bytes(gpu: &Gpu, limits: &wgpu::Limits) -> u64 {

@@ -86,11 +86,6 @@ impl Width {
     }
 }
 
-/// True if this processor reads parts of vectors of 512 bits slowly that it has just stored.
-pub fn have_slow_parts() -> bool {
-    Processor::of_this_processor() == Processor::Whole
-}
-
 /// Lets lavapipe compute in vectors so wide. Whoever has set the variable is obeyed.
 ///
 /// # Safety

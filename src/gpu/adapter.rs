@@ -89,9 +89,6 @@ pub struct Gpu {
     pub f64: bool,
     /// True if 64-bit integers and their atomics are enabled.
     pub int64: bool,
-    /// Lanes of a subgroup, a multiple of 4, if they are known to be neighbours in their workgroup, as on lavapipe.
-    /// Otherwise 1.
-    pub lanes: u32,
     /// True if shaders check bounds.
     pub runtime_checks: bool,
     /// The adapter as wgpu knows it.
@@ -128,13 +125,6 @@ fn describe(adapter: &wgpu::Adapter) -> AdapterInfo {
 
 fn int64_features() -> wgpu::Features {
     wgpu::Features::SHADER_INT64 | wgpu::Features::SHADER_INT64_ATOMIC_ALL_OPS
-}
-
-/// Invocations of every subgroup, if that number is fixed and a multiple of 4; else 1.
-fn subgroup_size(adapter: &wgpu::Adapter) -> u32 {
-    let info = adapter.get_info();
-    let (least, most) = (info.subgroup_min_size, info.subgroup_max_size);
-    if least == most && least.is_multiple_of(4) { least.max(1) } else { 1 }
 }
 
 /// The adapters that can compute, best first: discrete, integrated, virtual, then software. Within a kind, adapters
@@ -212,9 +202,6 @@ impl Gpu {
         if native && info.class.shares_memory_with_host() {
             features |= adapter.features() & wgpu::Features::MAPPABLE_PRIMARY_BUFFERS;
         }
-        if native && info.class.emulates_lanes() && info.is_vulkan() {
-            features |= adapter.features() & wgpu::Features::SUBGROUP;
-        }
         if info.strict {
             features |= wgpu::Features::PASSTHROUGH_SHADERS;
         }
@@ -243,10 +230,9 @@ impl Gpu {
             );
         }));
         let (f64, int64) = (info.f64, native && info.int64);
-        let lanes = if features.contains(wgpu::Features::SUBGROUP) { subgroup_size(adapter) } else { 1 };
         let (runtime_checks, df64) = (choice.runtime_checks, OnceLock::new());
         let (adapter, choice) = (adapter.clone(), choice.clone());
-        Ok(Gpu { device, queue, info, f64, int64, lanes, runtime_checks, adapter, choice, failure, df64 })
+        Ok(Gpu { device, queue, info, f64, int64, runtime_checks, adapter, choice, failure, df64 })
     }
 
     /// The greatest number of lanes of the driver's vectors. The text of shaders must differ with this number. Some

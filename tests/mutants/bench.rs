@@ -40,11 +40,7 @@ impl Default for Setting {
 
 impl Setting {
     fn gpu(&self) -> &'static Gpu {
-        match (self.native, self.choices.host_sums) {
-            (true, _) => zoo::gpu(),
-            (false, When::Always) => zoo::logging_in_32_bits_gpu(),
-            (false, _) => zoo::portable_gpu(),
-        }
+        if self.native { zoo::gpu() } else { zoo::portable_gpu() }
     }
 }
 

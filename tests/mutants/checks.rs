@@ -113,10 +113,8 @@ impl Scene {
                 ("main_path", _) => {
                     setting.choices.host_sums = When::Always;
                     setting.choices.main_path = When::Always;
-                    setting.choices.stores_together = When::Never;
                     setting.options.standard_error = StandardError::Off;
                 }
-                ("together", _) => setting.choices.stores_together = When::Always,
                 ("sides", _) => setting.choices.side_paths = When::Always,
                 ("baked", _) => setting.options.baked = Some(true),
                 ("table", _) => {
@@ -298,7 +296,6 @@ fn same_bits(bench: &Bench, scene_of: &Scene) -> Outcome {
     let mut other = first.clone();
     other.native = false;
     other.choices.host_sums = When::Never;
-    other.choices.stores_together = When::ItPays;
     other.choices.rays_per_invocation = Some(1);
     other.options.batch_size = Some(7_777);
     other.options.events_per_dispatch = 3;

@@ -178,11 +178,6 @@ fn every_shader_file_is_composed_by_some_variant() {
         let with_paths =
             everything_with_paths().into_iter().map(|variant| variant.program(tier).wgsl.clone());
         texts.extend(with_paths);
-        // Only drivers of processors get such shaders.
-        for choice in [Choice::MainPathThroughDetector, Choice::MainPathThroughGlass] {
-            let together = Variant { lanes: 8, ..Variant::of_choice(choice).1 };
-            texts.push(together.program(tier).wgsl.clone());
-        }
         texts.extend(
             everything_with_derivatives().into_iter().map(|variant| variant.program(tier).wgsl.clone()),
         );

@@ -60,8 +60,6 @@ pub struct Variant {
     pub moments: SecondMoments,
     /// The host adds up where rays end.
     pub host_sums: bool,
-    /// Lanes that store places together.
-    pub lanes: u32,
     /// The path that has a stage of its own.
     pub main_path: Option<PilotPath>,
     /// Those of rays that it rejects.
@@ -521,7 +519,6 @@ impl Default for Variant {
             roulette_threshold: 0.0,
             sampler: Sampler::Pcg,
             host_sums: false,
-            lanes: 1,
             main_path: None,
             side_paths: Vec::new(),
             part_bytes: 1 << 27,
@@ -545,7 +542,6 @@ impl Variant {
         let wanted = Wanted {
             host_sums: self.host_sums,
             side_by_side: true,
-            lanes: self.lanes,
             main_path: self.main_path.clone(),
             side_paths: self.side_paths.clone(),
         };

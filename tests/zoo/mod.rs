@@ -40,16 +40,6 @@ pub fn portable_gpu() -> &'static Gpu {
     GPUS.mine(|| open(Native::Off, true))
 }
 
-/// Without 64-bit integers, but with the host's memory: it logs where rays end in words of 32 bits.
-pub fn logging_in_32_bits_gpu() -> &'static Gpu {
-    static GPUS: Devices<Gpu> = Devices::new();
-    GPUS.mine(|| {
-        let mut gpu = open(Native::Allowed, true);
-        gpu.int64 = false;
-        gpu
-    })
-}
-
 fn open(native: Native, runtime_checks: bool) -> Gpu {
     Gpu::open(&AdapterChoice { native, runtime_checks, ..AdapterChoice::default() })
         .expect("an adapter opens")

@@ -1,5 +1,5 @@
 // An entry of the log in f32, on 64-bit integers. A processor's driver takes the lanes of a store one by one, so wide
-// stores are cheap. Twin of entries.words.wgsl.
+// stores are cheap.
 //
 // The first word holds the kind of entry and the weight, the second the fractions of the taps. Where positions are
 // logged, the first word is the position, and the second the weight. There is no second word if the weights of all rays

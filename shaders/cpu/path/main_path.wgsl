@@ -14,10 +14,14 @@
 // are traced side by side.
 var<private> kept_events: u32 = 0u;
 
+struct Invocation {
+    @builtin(global_invocation_id) id: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+}
+
 // Begins the stage of a path, and returns the number of the invocation.
 fn begin_stage(invocation: Invocation) -> u32 {
     begin();
-    begin_lanes(invocation);
     return invocation.id.y * invocation.groups.x * WORKGROUP_SIZE + invocation.id.x;
 }
 

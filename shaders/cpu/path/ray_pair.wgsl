@@ -7,11 +7,11 @@
 
 fn first_of_pair(invocation: u32) -> u32 {
     let local = invocation % WORKGROUP_SIZE;
-    return ray_of(2u * (invocation - local) + local);
+    return 2u * (invocation - local) + local;
 }
 
 fn second_of_pair(invocation: u32, first: u32) -> u32 {
     let local = invocation % WORKGROUP_SIZE;
-    let second = ray_of(2u * (invocation - local) + WORKGROUP_SIZE + local);
+    let second = 2u * (invocation - local) + WORKGROUP_SIZE + local;
     return select(first, second, second < range.count);
 }

@@ -89,19 +89,14 @@ impl EndSums {
             (Form::Counts, _) => self.add_rays::<[u32; 1]>(logged, log, rejected),
             (Form::Packed, Taps::None) => self.add_rays::<[u64; 1]>(logged, log, rejected),
             (Form::Packed, Taps::Fractions) => self.add_rays::<[u64; 2]>(logged, log, rejected),
-            (Form::Words, Taps::None) => self.add_rays::<[u32; 2]>(logged, log, rejected),
-            (Form::Words, Taps::Fractions) => self.add_rays::<[u32; 4]>(logged, log, rejected),
             (Form::Reals, Taps::None) => self.add_rays::<[f64; 2]>(logged, log, rejected),
             (Form::Reals, Taps::Fractions) => self.add_rays::<[f64; 4]>(logged, log, rejected),
             // The low half of a 64-bit word comes first.
-            (Form::Packed | Form::Words, Taps::Positions { grid, has_weights: false }) => {
+            (Form::Packed, Taps::Positions { grid, has_weights: false }) => {
                 self.add_positions::<[u32; 2]>(logged, &grid, rejected)
             }
             (Form::Packed, Taps::Positions { grid, has_weights: true }) => {
                 self.add_positions::<[u32; 4]>(logged, &grid, rejected)
-            }
-            (Form::Words, Taps::Positions { grid, has_weights: true }) => {
-                self.add_positions::<[u32; 3]>(logged, &grid, rejected)
             }
             (Form::Reals, Taps::Positions { grid, has_weights: false }) => {
                 self.add_positions::<[f64; 2]>(logged, &grid, rejected)
@@ -448,13 +443,10 @@ mod tests {
         let [weight_bits, x_bits, y_bits] = [weight, x, y].map(f32::to_bits);
         let joined = |low: u32, high: u32| u64::from(low) | u64::from(high) << 32;
         let packed = [joined(what, weight_bits), joined(x_bits, y_bits)];
-        let words = [what, weight_bits, x_bits, y_bits];
         let reals = [f64::from(what), f64::from(weight), f64::from(x), f64::from(y)];
-        for (form, bytes) in [
-            (Form::Packed, cast_slice::<u64, u8>(&packed)),
-            (Form::Words, cast_slice(&words)),
-            (Form::Reals, cast_slice(&reals)),
-        ] {
+        for (form, bytes) in
+            [(Form::Packed, cast_slice::<u64, u8>(&packed)), (Form::Reals, cast_slice(&reals))]
+        {
             let mut sums = sums();
             assert_eq!(sums.add(&logged(bytes, 1), &log(form, 0), &mut Vec::new()), Some(()), "{form:?}");
             let shares = [0, 0, UNIT * 3 / 8, UNIT / 8, 0, UNIT * 3 / 8, UNIT / 8];
@@ -481,7 +473,7 @@ mod tests {
                 .iter()
                 .flat_map(|p| words(p).into_iter().chain([0]).flat_map(u32::to_le_bytes).collect::<Vec<_>>())
                 .collect(),
-            Form::Counts | Form::Packed | Form::Words => {
+            Form::Counts | Form::Packed => {
                 positions.iter().flat_map(|p| cast_slice::<u32, u8>(&words(p)[..num]).to_vec()).collect()
             }
         };
@@ -501,9 +493,7 @@ mod tests {
         let places = [[0.75 * HIT_NEXT, 0.5], [2.0, 1.0], [-0.25, -0.5], [2.25, 1.25]];
         // One more than two blocks.
         let many: Vec<[f64; 2]> = places.iter().copied().cycle().take(129).collect();
-        for (form, has_weights) in
-            [Form::Packed, Form::Words, Form::Reals].map(|f| [(f, false), (f, true)]).concat()
-        {
+        for (form, has_weights) in [Form::Packed, Form::Reals].map(|f| [(f, false), (f, true)]).concat() {
             let sums = sums_of_positions(form, has_weights, &many).unwrap();
             let [between, others] = [33, 32];
             let first = UNIT / 4 * between + 2 * UNIT * others;
@@ -518,7 +508,7 @@ mod tests {
     /// As rounding may put them far from the scene's centre.
     #[test]
     fn positions_beyond_the_map_fall_into_its_edge_pixels() {
-        for (form, has_weights) in [(Form::Words, false), (Form::Packed, true), (Form::Reals, false)] {
+        for (form, has_weights) in [(Form::Packed, false), (Form::Packed, true), (Form::Reals, false)] {
             for (place, expected) in [
                 ([-1.0, 0.5], [UNIT, 0, 0, UNIT, 0, 0]),
                 ([OFF_DETECTORS, 0.5], [UNIT, 0, 0, UNIT, 0, 0]),
@@ -556,7 +546,7 @@ mod tests {
     fn what_is_no_position_ends_as_it_says() {
         let off = OFF_DETECTORS;
         let bits = |what: u32| f64::from(f32::from_bits(what));
-        for (form, end) in [(Form::Words, bits(IN_CELL | 3)), (Form::Reals, f64::from(IN_CELL | 3))] {
+        for (form, end) in [(Form::Packed, bits(IN_CELL | 3)), (Form::Reals, f64::from(IN_CELL | 3))] {
             let sums = sums_of_positions(form, false, &[[off, end], [off, end]]).unwrap();
             assert_eq!(quanta(&sums), [0, 0, 0, 4 * UNIT, 0, 0, 0], "{form:?}");
             assert_eq!(sums.counts, [0, 0, 0, 2, 0, 0, 0], "{form:?}");
@@ -578,14 +568,12 @@ mod tests {
     #[test]
     fn rejected_rays_are_reported_and_add_nothing_in_every_form() {
         let whats = [REJECTED, IN_CELL | 2, REJECTED | 7];
-        let words = |what: u32| [what, 0, 0, 0];
         let counts = whats;
         let packed = whats.map(|what| [u64::from(what), 0]);
         let reals = whats.map(|what| [f64::from(what), 0.0, 0.0, 0.0]);
         for (form, bytes) in [
             (Form::Counts, cast_slice::<u32, u8>(&counts)),
             (Form::Packed, cast_slice(&packed)),
-            (Form::Words, cast_slice(&whats.map(words))),
             (Form::Reals, cast_slice(&reals)),
         ] {
             let (mut sums, mut rejected) = (sums(), Vec::new());

@@ -83,23 +83,6 @@ impl Entry for [u64; 2] {
     }
 }
 
-impl Entry for [u32; 2] {
-    type Real = f32;
-
-    fn read(&self) -> End<f32> {
-        End { what: self[0], weight: f32::from_bits(self[1]), fractions: [0.0; 2] }
-    }
-}
-
-impl Entry for [u32; 4] {
-    type Real = f32;
-
-    fn read(&self) -> End<f32> {
-        let [what, weight, x, y] = *self;
-        End { what, weight: f32::from_bits(weight), fractions: [x, y].map(f32::from_bits) }
-    }
-}
-
 impl Entry for [f64; 2] {
     type Real = f64;
 

@@ -34,9 +34,6 @@ pub enum Form {
     Counts,
     /// 64-bit integers: what it is, and the f32 of its weight; the f32 of the fractions (entries.packed.wgsl).
     Packed,
-    /// 32-bit integers: what it is; the f32 of its weight; those of the fractions (entries.words.wgsl). For processors'
-    /// drivers without 64-bit integers, such as SwiftShader.
-    Words,
     /// f64: what it is, its weight, the fractions (entries.reals.wgsl).
     Reals,
 }
@@ -96,7 +93,8 @@ fn taps(ir: &SceneIr, grids: &[Grid], max_passes: u32, keeps_weight: bool) -> Ta
 
 impl EndLog {
     /// The log of a scene. None where rays are split, because a launched ray then has many ends; where there are so many
-    /// cells, or replicates of them, that the host would not find them in its caches; and none of pairs of f32.
+    /// cells, or replicates of them, that the host would not find them in its caches; and none of pairs of f32, nor of f32 on
+    /// a driver without 64-bit integers, such as SwiftShader, where the device adds up.
     pub fn of(
         ir: &SceneIr,
         features: &Features,
@@ -109,7 +107,7 @@ impl EndLog {
             (Precision::Df64, _) => return None,
             _ if counts_alone => Form::Counts,
             (Precision::F32, true) => Form::Packed,
-            (Precision::F32, false) => Form::Words,
+            (Precision::F32, false) => return None,
             (Precision::F64, _) => Form::Reals,
         };
         let is_large = cells.num_cells > 1 << CELL_BITS;
@@ -136,9 +134,9 @@ impl EndLog {
             (Form::Packed, Taps::None) => 1,
             (Form::Packed, Taps::Fractions) => 2,
             (Form::Packed, Taps::Positions { .. }) => 1 + weights,
-            (Form::Words | Form::Reals, Taps::None) => 2,
-            (Form::Words | Form::Reals, Taps::Fractions) => 4,
-            (Form::Words | Form::Reals, Taps::Positions { .. }) => 2 + weights,
+            (Form::Reals, Taps::None) => 2,
+            (Form::Reals, Taps::Fractions) => 4,
+            (Form::Reals, Taps::Positions { .. }) => 2 + weights,
         }
     }
 
@@ -155,7 +153,7 @@ impl EndLog {
     /// Bytes of a word.
     pub fn word_bytes(&self) -> u32 {
         match self.form {
-            Form::Counts | Form::Words => 4,
+            Form::Counts => 4,
             Form::Packed | Form::Reals => 8,
         }
     }

@@ -244,7 +244,6 @@ macro_rules! position_entry {
 }
 
 position_entry!([u32; 2], f32, f32::from_bits, |_, born| born);
-position_entry!([u32; 3], f32, f32::from_bits, |entry, _| f32::from_bits(entry[2]));
 position_entry!([u32; 4], f32, f32::from_bits, |entry, _| f32::from_bits(entry[2]));
 position_entry!([f64; 2], f64, |real| real, |_, born| born);
 position_entry!([f64; 3], f64, |real| real, |entry, _| entry[2]);

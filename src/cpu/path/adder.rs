@@ -30,8 +30,8 @@ impl EndSums {
     ) -> Option<()> {
         match (form, log.attenuating_legs.is_some()) {
             (Form::Counts, _) => None,
-            (Form::Packed | Form::Words, false) => self.add_places::<[u32; 2]>(logged, log, rejected),
-            (Form::Packed | Form::Words, true) => self.add_places::<[u32; 4]>(logged, log, rejected),
+            (Form::Packed, false) => self.add_places::<[u32; 2]>(logged, log, rejected),
+            (Form::Packed, true) => self.add_places::<[u32; 4]>(logged, log, rejected),
             (Form::Reals, false) => self.add_places::<[f64; 2]>(logged, log, rejected),
             (Form::Reals, true) => self.add_places::<[f64; 4]>(logged, log, rejected),
         }
@@ -235,7 +235,7 @@ mod tests {
         let rejects_sixth = |i: usize| if i % 6 == 5 { [OFF, (i % 4) as f64] } else { [0.5, 0.0] };
         let first: Vec<[f64; 2]> = (0..66).map(rejects_sixth).collect();
         let second = [[2.0, 1.0]; 66];
-        for form in [Form::Packed, Form::Words, Form::Reals] {
+        for form in [Form::Packed, Form::Reals] {
             let (sums, rejected) = added(&log, &[&first, &second], form).unwrap();
             let ray = |i: u32| RejectedRay { ray: i, event: i % 4 };
             assert!(rejected.iter().copied().eq((5..66).step_by(6).map(ray)), "{form:?}");
@@ -280,7 +280,7 @@ mod tests {
             (0..66).map(|i| if i % 3 == 0 { [OFF, 1.0, 9.0, 0.0] } else { [0.5, 0.0, 1.75, 0.0] }).collect();
         let second: Vec<[f64; 4]> = (0..66).map(|i| [2.0, 1.0, [0.5, 1.5][i % 2], 0.0]).collect();
         let both = [first, second].concat();
-        for form in [Form::Packed, Form::Words, Form::Reals] {
+        for form in [Form::Packed, Form::Reals] {
             let floats: Vec<f32> = both.as_flattened().iter().map(|&real| real as f32).collect();
             let bytes = if form == Form::Reals { cast_slice(&both) } else { cast_slice(&floats) };
             let added = |weight: f64| {
@@ -307,7 +307,7 @@ mod tests {
     /// A path that arrives on no detector, of rays that escape, with known weights or their own.
     #[test]
     fn rays_without_places_leave_their_weight_at_their_end() {
-        for form in [Form::Packed, Form::Words, Form::Reals] {
+        for form in [Form::Packed, Form::Reals] {
             for logs_weights in [false, true] {
                 let weight = if logs_weights { Weight::Logged } else { Weight::Known(0.5) };
                 let end = Some(LedgerEnd { cell: 1, weight });

@@ -102,8 +102,7 @@ impl Stages<'_> {
             ),
         };
         format!(
-            "{}fn follow_{number}(invocation: u32) {{\n    let index = ray_of(invocation);\n    \
-             if index >= range.count {{\n        return;\n    }}\n    \
+            "{}fn follow_{number}(index: u32) {{\n    if index >= range.count {{\n        return;\n    }}\n    \
              begin_ray();\n    var ray = new_ray({key}(index), index);\n{}}}\n{}",
             walk.functions,
             walk.alone(),
