@@ -48,6 +48,7 @@ pub mod count;
 #[cfg(feature = "cpu")]
 #[warn(clippy::wildcard_enum_match_arm, reason = "as in `model`")]
 pub mod cpu;
+pub mod derivatives;
 pub mod engine;
 pub mod error;
 pub mod folders;
@@ -59,6 +60,7 @@ pub mod mesa;
     reason = "whoever adds a kind must be told of every place that knows kinds"
 )]
 pub mod model;
+pub mod paths;
 mod placing;
 #[warn(clippy::wildcard_enum_match_arm, reason = "as in `model`")]
 pub mod program;

@@ -47,7 +47,7 @@ fn deposit_tangent(cell: u32, tangent: real, number: u32) {
 var<private> last_hit: Hit;
 
 fn search(ray: Ray) -> Hit {
-    last_hit = intersect_of_value(ray);
+    last_hit = plain_intersect(ray);
     return last_hit;
 }
 

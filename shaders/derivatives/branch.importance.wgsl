@@ -5,7 +5,7 @@ fn draw_reflection(
     ray: ptr<function, Ray>, bits: u32, reflectance: Share, transmittance: real, total_reflection: bool,
 ) -> bool {
     let before = (*ray).weight;
-    let reflects = draw_reflection_of_value(ray, bits, reflectance, transmittance, total_reflection);
+    let reflects = draw_branch(ray, bits, reflectance, transmittance, total_reflection);
     if !total_reflection {
         let reflected = quotient(reflectance);
         let p = detached(clamp(reflect_probability(reflected), 1e-12, 1.0 - 1e-12));

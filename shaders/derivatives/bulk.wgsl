@@ -2,5 +2,5 @@
 
 fn attenuated(ray: Ray, distance: real) -> real {
     let absorption = medium_at(ray.medium, ray.wavelength).absorption;
-    return attached(attenuated_of_value(ray, distance), ray.weight * exp_real(-absorption * distance));
+    return attached(plain_attenuated(ray, distance), ray.weight * exp_real(-absorption * distance));
 }

@@ -2,7 +2,7 @@
 
 fn roulette(ray: ptr<function, Ray>) {
     let before = (*ray).weight;
-    roulette_of_value(ray);
+    plain_roulette(ray);
     let after = (*ray).weight;
     (*ray).weight = attached(after, before * detached(select(after / select(before, 1.0, before == 0.0), 1.0, before == 0.0)));
 }

@@ -5,7 +5,7 @@
 fn scatter(ray: ptr<function, Ray>, surface: Surface, n_geometric: vec3<real>, incoming: vec3<real>) {
     let key = (*ray).key;
     let step = (*ray).bounce;
-    scatter_of_value(ray, surface, n_geometric, incoming);
+    plain_scatter(ray, surface, n_geometric, incoming);
     if surface.bsdf != SMOOTH {
         let fraction = surface.scatter_fraction;
         let scatters = below(draw(key, SCATTER_BRANCH, step), fraction);

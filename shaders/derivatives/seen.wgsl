@@ -1,5 +1,5 @@
-// What a derivative sees of a trace, and where it goes. The functions of the loop that are named here take the place of the
-// plain ones, which have other names then (program::wgsl::derivatives). Without derivatives nothing of this is in the text.
+// What a derivative sees of a trace, and where it goes. Twin of sums/deposit.plain.wgsl. Without derivatives nothing of this
+// is in the text.
 //
 // Decisions and draws are detached: their values are those of the plain trace, and no derivative goes through them. The
 // weight of a ray is attached: where a branch was drawn with a probability p, the weight carries p / detached(p), whose
@@ -26,20 +26,11 @@ fn note_detected(cell: u32, value: real) {
 }
 
 fn deposit_weight(cell: u32, w: real) {
-    deposit_weight_of_value(cell, w);
+    plain_deposit_weight(cell, w);
     note_detected(cell, w);
 }
 
 fn deposit_tap(cell: u32, share: real, rest: ptr<function, Quanta>) {
-    deposit_tap_of_value(cell, share, rest);
+    plain_deposit_tap(cell, share, rest);
     note_detected(cell, share);
-}
-
-fn deposit_taps(taps: FourTaps, weight: real) {
-    deposit_taps_of_value(taps, weight);
-    let shares = first_shares(weight, taps.fractions);
-    note_detected(taps.cells.x, shares.x);
-    note_detected(taps.cells.y, shares.y);
-    note_detected(taps.cells.z, shares.z);
-    note_detected(taps.cells.w, weight - (shares.x + shares.y + shares.z));
 }

@@ -4,6 +4,6 @@ fn standing_triangle() -> u32 {
     return arrived_triangle;
 }
 
-fn restore_triangle(triangle: u32) {
+fn plain_restore_triangle(triangle: u32) {
     arrived_triangle = triangle;
 }

@@ -4,4 +4,4 @@ fn standing_triangle() -> u32 {
     return 0u;
 }
 
-fn restore_triangle(triangle: u32) {}
+fn plain_restore_triangle(triangle: u32) {}

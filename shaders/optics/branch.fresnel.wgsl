@@ -1,7 +1,7 @@
 // Reflection is drawn with the probability R, so both branches keep their weight. Optiland clips R here to [1e-12, 1 -
 // 1e-12], and scales the weight by up to 1 + 1e-12; we do neither. Twin of branch.importance.wgsl.
 
-fn draw_reflection(
+fn draw_branch(
     ray: ptr<function, Ray>, bits: u32, reflectance: Share, transmittance: real, total_reflection: bool,
 ) -> bool {
     return below_share(bits, reflectance) | total_reflection;

@@ -1,7 +1,7 @@
 // Reflection is drawn with a chosen probability p. The weight is multiplied by R / p or T / (1 - p), so both branches
 // keep their share on average. Twin of branch.fresnel.wgsl.
 
-fn draw_reflection(
+fn draw_branch(
     ray: ptr<function, Ray>, bits: u32, reflectance: Share, transmittance: real, total_reflection: bool,
 ) -> bool {
     let reflected = quotient(reflectance);

@@ -7,7 +7,7 @@ fn attenuate(ray: ptr<function, Ray>, distance: real) {
 }
 
 // The ray's weight after the segment.
-fn attenuated(ray: Ray, distance: real) -> real {
+fn plain_attenuated(ray: Ray, distance: real) -> real {
     let absorption = medium_at(ray.medium, ray.wavelength).absorption;
     if absorption == 0.0 {
         return ray.weight;

@@ -2,7 +2,7 @@
 // 1), and a survivor's weight is divided by that probability. The draw belongs to the bounce count after the event. A
 // ray of weight 0 goes on unchanged.
 
-fn roulette(ray: ptr<function, Ray>) {
+fn plain_roulette(ray: ptr<function, Ray>) {
     let before = (*ray).weight;
     if !(before < ROULETTE_THRESHOLD && before > 0.0) {
         return;

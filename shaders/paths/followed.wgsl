@@ -1,8 +1,6 @@
 // Follows the path of a ray: what happened to the ray, from its source on.
 //
-// Most scenes are traced without this file. Where it is taken, its functions stand in the place of those of the loop
-// that have the same names. Those are then called `plain_generate`, `plain_interact` and so on
-// (program::wgsl::paths). So nothing is in the loop for those who do not ask for paths.
+// Twin of stages/path.plain.wgsl: most scenes are traced without this file, and nothing of it is then in the loop.
 //
 // A path is a few words. Each part of the path changes them: the source, each event of a ray that goes on, and the end.
 // `extend_path`, which is composed, knows what the words are: the sequence's key, and the state of a filter.

@@ -5,7 +5,7 @@ struct LocalRay {
     direction: vec3<real>,
 }
 
-fn generate(index: u32) -> Ray {
+fn plain_generate(index: u32) -> Ray {
     return new_ray(key_of(index), index);
 }
 

@@ -5,7 +5,7 @@ const ABSORBING: u32 = 0u;
 const REFLECTIVE: u32 = 1u;
 const REFRACTIVE: u32 = 2u;
 
-fn interact(ray: ptr<function, Ray>, surface: Surface, primitive: u32) {
+fn plain_interact(ray: ptr<function, Ray>, surface: Surface, primitive: u32) {
     if surface.interaction == ABSORBING {
         (*ray).fate = ABSORBED;
         return;
@@ -24,7 +24,7 @@ fn interact(ray: ptr<function, Ray>, surface: Surface, primitive: u32) {
 
 // The unit normal of an analytic shape, from the front medium to the back medium. The normal is the gradient of the
 // quadric.
-fn quadric_normal(surface: Surface, position: vec3<real>) -> vec3<real> {
+fn normal_of_quadric(surface: Surface, position: vec3<real>) -> vec3<real> {
     let origin = vec3<real>(surface.origin_x, surface.origin_y, surface.origin_z);
     let p = to_surface(surface, position - origin);
     let slope = vec3<real>(surface.radial * p.x, surface.radial * p.y, surface.axial * p.z + surface.offset);
@@ -125,7 +125,7 @@ fn transmitted(d: vec3<real>, n: vec3<real>, boundary: Boundary) -> vec3<real> {
 
 // Sets the medium that the ray is in after the event. The medium is read from the surface, because the ray's own record
 // may be wrong: a ray can leave an open solid unnoticed.
-fn leave_boundary(ray: ptr<function, Ray>, surface: Surface, entering_back: bool, reflects: bool) {
+fn pass_boundary(ray: ptr<function, Ray>, surface: Surface, entering_back: bool, reflects: bool) {
     let medium = select(surface.front, surface.back, entering_back != reflects);
     (*ray).medium = medium;
     if !reflects {

@@ -1,13 +1,13 @@
 // The entry of a queue: the ray alone.
 
-struct QueuedRay {
+struct RayInQueue {
     ray: PackedRay,
 }
 
-fn queued(ray: Ray) -> QueuedRay {
-    return QueuedRay(pack_ray(ray));
+fn plain_queued(ray: Ray) -> RayInQueue {
+    return RayInQueue(pack_ray(ray));
 }
 
-fn unqueued(q: QueuedRay) -> Ray {
+fn plain_unqueued(q: RayInQueue) -> Ray {
     return unpack_ray(q.ray);
 }

@@ -1,15 +1,15 @@
 // The entry of a queue: the ray, and the faces in its place that lie below the ray.
 
-struct QueuedRay {
+struct RayInQueue {
     ray: PackedRay,
     below_it: u32,
 }
 
-fn queued(ray: Ray) -> QueuedRay {
-    return QueuedRay(pack_ray(ray), ray.below_it);
+fn plain_queued(ray: Ray) -> RayInQueue {
+    return RayInQueue(pack_ray(ray), ray.below_it);
 }
 
-fn unqueued(q: QueuedRay) -> Ray {
+fn plain_unqueued(q: RayInQueue) -> Ray {
     var ray = unpack_ray(q.ray);
     ray.below_it = q.below_it;
     return ray;

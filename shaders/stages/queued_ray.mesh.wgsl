@@ -1,15 +1,15 @@
 // The entry of a queue: the ray, and the triangle that the ray leaves.
 
-struct QueuedRay {
+struct RayInQueue {
     ray: PackedRay,
     triangle: u32,
 }
 
-fn queued(ray: Ray) -> QueuedRay {
-    return QueuedRay(pack_ray(ray), arrived_triangle);
+fn plain_queued(ray: Ray) -> RayInQueue {
+    return RayInQueue(pack_ray(ray), arrived_triangle);
 }
 
-fn unqueued(q: QueuedRay) -> Ray {
+fn plain_unqueued(q: RayInQueue) -> Ray {
     arrived_triangle = q.triangle;
     return unpack_ray(q.ray);
 }

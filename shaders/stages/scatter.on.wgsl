@@ -21,7 +21,7 @@ struct Lobe {
 
 // Draws whether the ray scatters, with the clipped fraction. The weights of both branches undo the clipping (on the
 // host: program::layout::bsdf::Branch).
-fn scatter(ray: ptr<function, Ray>, surface: Surface, n_geometric: vec3<real>, incoming: vec3<real>) {
+fn plain_scatter(ray: ptr<function, Ray>, surface: Surface, n_geometric: vec3<real>, incoming: vec3<real>) {
     if surface.bsdf == SMOOTH {
         return;
     }

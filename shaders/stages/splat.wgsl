@@ -17,7 +17,7 @@ fn arrive(ray: ptr<function, Ray>, index: u32) {
 }
 
 // Records the ray. `ends` is true if the ray ends on the detector, and false if it passes.
-fn splat(ray: Ray, index: u32, ends: bool) {
+fn plain_splat(ray: Ray, index: u32, ends: bool) {
     let detector = detector_for(ray.key, detector_of(index));
     add_total_moments(ray.weight, detector, index);
     record(ray, detector, index, ends);
@@ -130,7 +130,7 @@ fn first_shares(weight: real, f: vec2<real>) -> vec3<real> {
 }
 
 // Deposits the taps. The last tap takes what the others left, so that the taps add up to the weight exactly.
-fn deposit_taps(taps: FourTaps, weight: real) {
+fn plain_deposit_taps(taps: FourTaps, weight: real) {
     count(taps.hit);
     let shares = first_shares(weight, taps.fractions);
     var rest = quantize_counted(weight);

@@ -54,7 +54,7 @@ fn trace_split(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgr
 }
 
 // The next hit. A ray that has waited stands where it was split.
-fn intersect(ray: Ray) -> Hit {
+fn plain_intersect(ray: Ray) -> Hit {
     if transmits {
         return Hit(0.0, ray.last);
     }
@@ -141,7 +141,7 @@ fn lesser_weight(weight: real, share: real, bits: u32, steps: Steps) -> real {
 }
 
 // The transmitted ray. Its number is that of its parent with the bit of this event set.
-fn child(parent: Ray, weight: real) -> Ray {
+fn plain_child(parent: Ray, weight: real) -> Ray {
     var ray = parent;
     ray.weight = weight;
     ray.index |= (1u << ray.bounce) << INDEX_BITS;

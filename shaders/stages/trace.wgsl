@@ -51,7 +51,7 @@ fn follow(ray: ptr<function, Ray>) {
     log_end((*ray).index);
 }
 
-fn settle(ray: Ray) {
+fn settle_end(ray: Ray) {
     if ray.fate == DETECTED {
         splat(ray, ray.last - NUM_SURFACES, true);
     } else if ray.fate != ALIVE {
@@ -105,7 +105,7 @@ fn go_on(ray: ptr<function, Ray>) {
 }
 
 // Deposits the ray's whole weight where the ray ended.
-fn deposit_fate(ray: Ray) {
+fn plain_deposit_fate(ray: Ray) {
     record_death(ray);
     end_in(select(CELL_ESCAPED + (ray.fate - ESCAPED), CELL_SURFACES + ray.last, ray.fate == ABSORBED), ray.weight);
 }

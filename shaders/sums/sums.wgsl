@@ -61,14 +61,14 @@ fn q_min(a: Quanta, b: Quanta) -> Quanta {
     return select(a, b, q_less(b, a));
 }
 
-fn deposit_weight(cell: u32, w: real) {
+fn plain_deposit_weight(cell: u32, w: real) {
     deposit(cell, quantize_counted(w));
 }
 
 // Deposits one tap's share of what is left of a splat. A splat starts from rest = quantize_counted(weight). Each tap
 // but the last calls deposit_tap(cell, weight * tap, &rest), and the last calls deposit(cell, rest). So the taps add up
 // to the weight to the last bit.
-fn deposit_tap(cell: u32, share: real, rest: ptr<function, Quanta>) {
+fn plain_deposit_tap(cell: u32, share: real, rest: ptr<function, Quanta>) {
     let taken = q_min(quantize(share), *rest);
     *rest = q_sub(*rest, taken);
     deposit(cell, taken);

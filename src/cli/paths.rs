@@ -10,14 +10,14 @@ use crate::error::{Error, Result};
 use crate::format::pretty_json;
 use crate::gpu::{AdapterChoice, Gpu};
 use crate::model::SceneIr;
+use crate::paths::rows::{PathMap, TableOptions, detector_of, flux_unit, table_with_maps};
 use crate::result::output::Extras;
 use crate::result::{
     Detector, FluxUnit, Grouping, LightPath, PathTable, RunInfo, Sorting, StoppedBy, Tally, TraceResult,
     output,
 };
-use crate::run::paths::{PathMap, TableOptions, detector_of, flux_unit, table_with_maps};
 use crate::run::stopping::Stopping;
-use crate::run::{StandardError, TraceOptions, Tracer, precision};
+use crate::run::{Collect, StandardError, TraceOptions, Tracer, precision};
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::time::Instant;
@@ -152,8 +152,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         ..args.trace.options(&ir)?
     };
     let options = TraceOptions {
-        path_table: true,
-        path_ends: args.ends,
+        collect: Collect::Paths { rows: args.trace.path_rows()?, ends: args.ends },
         // Rows have errors of their own.
         standard_error: if has_errors.is_some() { StandardError::On } else { StandardError::Off },
         ..options

@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 use crate::model::{PathFilter, ReflectProb, Sampling, SceneIr};
 use crate::program::{Precision, Sampler};
 use crate::run::precision::Wanted;
-use crate::run::{StandardError, Strict, TraceOptions};
+use crate::run::{Collect, StandardError, Strict, TraceOptions};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -171,6 +171,14 @@ impl TraceArgs {
         wanted(self.precision)
     }
 
+    /// Most rows of the table of paths.
+    pub(crate) fn path_rows(&self) -> Result<u32> {
+        let rows = u32::try_from(self.path_rows).ok().filter(|rows| (1..=MOST_PATH_ROWS).contains(rows));
+        rows.ok_or_else(|| {
+            Error::Usage(format!("--path-rows is {}; it must lie in 1..={MOST_PATH_ROWS}", self.path_rows))
+        })
+    }
+
     /// The options, but without precision, largest number of events and recorded paths.
     pub(crate) fn options(&self, ir: &SceneIr) -> Result<TraceOptions> {
         let standard_error = match (self.standard_error, self.target_error) {
@@ -184,13 +192,12 @@ impl TraceArgs {
             (StandardErrorArg::Off, None) => StandardError::Off,
         };
         let filter = self.filter.as_ref().map(|text| PathFilter::parse(text, ir)).transpose()?;
-        let path_rows = u32::try_from(self.path_rows).ok().filter(|rows| (1..=MOST_PATH_ROWS).contains(rows));
-        let path_rows = path_rows.ok_or_else(|| {
-            Error::Usage(format!("--path-rows is {}; it must lie in 1..={MOST_PATH_ROWS}", self.path_rows))
-        })?;
+        let rows = self.path_rows()?;
         Ok(TraceOptions {
-            path_table: self.paths == PathsArg::On,
-            path_rows,
+            collect: match self.paths {
+                PathsArg::On => Collect::Paths { rows, ends: false },
+                PathsArg::Off => Collect::Light,
+            },
             path_filter: filter.map(Arc::new),
             num_rays: self.num_rays,
             seed: self.seed,

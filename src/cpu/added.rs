@@ -6,7 +6,6 @@ use crate::cpu::path::path_log::{self, LoggedScene, PathLog};
 use crate::cpu::path::side_path::SidePath;
 use crate::program::Program;
 use crate::program::prepared::Prepared;
-use std::any::Any;
 use std::sync::LazyLock;
 
 /// What is asked for. No part of it changes a bit of a result.
@@ -74,8 +73,7 @@ impl CpuExtension {
     /// What was added to a program.
     pub fn of_program(program: &Program) -> &Self {
         static NOTHING: LazyLock<CpuExtension> = LazyLock::new(CpuExtension::default);
-        let extension: &dyn Any = program.extension.as_ref();
-        extension.downcast_ref().unwrap_or(&NOTHING)
+        program.additions.get().unwrap_or(&NOTHING)
     }
 
     /// Rays of the main path log what they weigh.

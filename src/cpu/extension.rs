@@ -1,25 +1,17 @@
 //! What processors' ways add to the module of a scene: the log of where rays end, and the stages of the main path and of the
 //! side paths.
 
-use crate::cpu::added::{CpuExtension, Wanted};
+use crate::cpu::added::CpuExtension;
 use crate::cpu::log::format::Form;
 use crate::cpu::path::compose::Stages;
 use crate::error::Result;
 use crate::program::Precision;
-use crate::program::prepared::Prepared;
+use crate::program::addition::ShaderAddition;
 use crate::program::wgsl::composition::Composition;
 use crate::program::wgsl::constants::Constants;
-use crate::program::wgsl::extension::{Extend, Extension};
 use crate::program::wgsl::text::Text;
 use crate::program::wgsl::variants::either;
 use crate::shaders::{ShaderFile, shader};
-use std::sync::Arc;
-
-impl Extend for Wanted {
-    fn extension(&self, scene: &Prepared) -> Arc<dyn Extension> {
-        Arc::new(CpuExtension::of(scene, self))
-    }
-}
 
 impl CpuExtension {
     fn constants(&self) -> Constants {
@@ -51,6 +43,11 @@ impl CpuExtension {
         ];
         let always = [
             shader!("cpu/path/main_path.wgsl"),
+            either(
+                composition.wrong_sides().is_some(),
+                shader!("cpu/path/sides.rejected.wgsl"),
+                shader!("cpu/path/sides.none.wgsl"),
+            ),
             shader!("cpu/path/clearances.wgsl"),
             either(
                 self.path_log.is_some(),
@@ -75,11 +72,7 @@ impl CpuExtension {
     }
 }
 
-impl Extension for CpuExtension {
-    fn rejects_wrong_sides(&self) -> Option<ShaderFile> {
-        self.main_path.is_some().then_some(shader!("cpu/path/wrong_sides.wgsl"))
-    }
-
+impl ShaderAddition for CpuExtension {
     fn replaces(&self, slot: &str) -> Option<ShaderFile> {
         match slot {
             "stages/ids" => self.main_path.as_ref().map(|_| shader!("stages/ids.listed.wgsl")),

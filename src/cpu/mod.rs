@@ -1,4 +1,4 @@
-//! All that is done otherwise on adapters that are processors, behind the seam [`crate::engine::strategy`].
+//! An addition to the plain loop: all that is done otherwise on adapters that are processors.
 //!
 //! An atomic is dear on a processor, and its memory is the host's: so rays log where they end, and the host adds up
 //! ([`logs`], [`mod@log`]). Most rays of many scenes take one path: so a stage of its own follows that path without a loop, and rays
@@ -22,20 +22,22 @@ use crate::cpu::logs::{DeviceLogs, EndLogs, Rays};
 use crate::cpu::path::{pilot, side_path};
 use crate::cpu::profile::Profile;
 use crate::engine::Engine;
+use crate::engine::addition::Addition;
 use crate::engine::device::DeviceState;
 use crate::engine::dispatch::Route;
 use crate::engine::limits::{DispatchLimits, WORKGROUPS_PER_PROCESSOR};
 use crate::engine::options::TraceOptions;
 use crate::engine::plan::Plan;
-use crate::engine::stages::{AddedStage, Additions};
-use crate::engine::strategy::Strategy;
+use crate::engine::stages::{AddedStage, ExtraBindings};
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::model::SceneIr;
+use crate::program::addition::{ProgramAddition, ShaderAddition};
 use crate::program::layout::bindings;
-use crate::program::wgsl::extension::Extend;
+use crate::program::prepared::Prepared;
 use crate::program::{Program, ProgramOptions, RayRange};
 use crate::result::Tally;
+use std::sync::Arc;
 use std::time::Instant;
 
 /// Rays of a dispatch where they log their ends: the log stays in a processor's caches, and dispatches are long against what
@@ -50,6 +52,8 @@ const MOST_RAYS_PER_INVOCATION: u64 = 8;
 pub(crate) struct Cpu {
     profile: Profile,
     choices: Choices,
+    /// What is wanted of the program, once the pilot has flown.
+    wanted: Wanted,
     /// Where rays log their ends.
     logs: Option<EndLogs>,
     /// The ids of rejected rays, as a dispatch reads them; one for each device, where there is a main path.
@@ -67,13 +71,18 @@ const MAIN_PATH: usize = 0;
 const FIRST_SIDE_PATH: usize = 1;
 
 impl Cpu {
-    /// The strategy for an adapter; none where the plain loop does all, unless something is asked for.
-    pub(crate) fn for_adapter(gpu: &Gpu, choices: &Choices) -> Option<Self> {
+    /// What pays on an adapter; none where the plain loop does all, unless something is asked for. The stages of paths have
+    /// the scene's numbers compiled in.
+    pub(crate) fn for_adapter(gpu: &Gpu, options: &TraceOptions, choices: &Choices) -> Option<Self> {
+        if options.live {
+            return None;
+        }
         let profile = Profile::of(gpu);
         let is_asked_for = *choices != Choices::default();
         (profile.processors.is_some() || is_asked_for).then(|| Cpu {
             profile,
             choices: choices.clone(),
+            wanted: Wanted::default(),
             logs: None,
             ids: Vec::new(),
             bytes: 0,
@@ -83,7 +92,7 @@ impl Cpu {
     }
 
     /// What the program needs of a device: logs, the ids of rejected rays, and a stage for each path.
-    fn additions(&mut self, gpu: &Gpu, plan: &Plan, logs: &DeviceLogs) -> Result<Additions> {
+    fn extra(&mut self, gpu: &Gpu, plan: &Plan, logs: &DeviceLogs) -> Result<ExtraBindings> {
         let program = &plan.program;
         let mut shared = Vec::new();
         if CpuExtension::of_program(program).main_path.is_some() {
@@ -94,7 +103,7 @@ impl Cpu {
         let logs = logs.bindings().map(|(number, log)| (number, log.clone()));
         self.bytes = shared.iter().chain(&logs).map(|(_, buffer)| buffer.size()).sum();
         let groups = logs.map(|log| shared.iter().cloned().chain([log]).collect()).into();
-        Ok(Additions { groups, stages: path_stages(program) })
+        Ok(ExtraBindings { groups, stages: path_stages(program) })
     }
 
     /// The number of the device whose turn it is, and the one of its logs.
@@ -194,23 +203,36 @@ fn path_stages(program: &Program) -> Vec<AddedStage> {
     main.chain((0..added.side_paths.len()).map(side)).collect()
 }
 
+impl Cpu {
+    /// For each stage of a path: how many rays of this trace were traced along the path, and how many of them were
+    /// rejected.
+    pub(crate) fn num_along_paths(&self) -> Vec<[u64; 2]> {
+        let counts = |logs: &EndLogs| {
+            std::iter::once(logs.num_followed_and_rejected()).chain(logs.num_along_sides()).collect()
+        };
+        self.logs.as_ref().map_or_else(Vec::new, counts)
+    }
+}
+
 fn note_first_end(engine: &mut Engine, logs: &EndLogs) {
     engine.first_end = engine.first_end.or(logs.first_end());
 }
 
-impl Strategy for Cpu {
-    /// Stages of paths have the scene's numbers compiled in.
-    fn takes(&self, _ir: &SceneIr, options: &TraceOptions) -> bool {
-        !options.live
+impl ProgramAddition for Cpu {
+    fn shader(&self, scene: &Prepared) -> Arc<dyn ShaderAddition> {
+        Arc::new(CpuExtension::of(scene, &self.wanted))
     }
+}
 
+impl Addition for Cpu {
     fn specialise(
         &mut self,
         gpu: &Gpu,
         ir: &SceneIr,
         options: &TraceOptions,
         program: &mut ProgramOptions,
-    ) -> Result<Box<dyn Extend>> {
+        is_alone: bool,
+    ) -> Result<()> {
         let Cpu { profile, choices, .. } = &*self;
         choices.check(gpu)?;
         program.uniform_bytes = profile.uniform_bytes;
@@ -222,17 +244,19 @@ impl Strategy for Cpu {
             side_by_side: choices.side_by_side.holds(|| profile.processors.is_some()),
             ..Default::default()
         };
+        // The stages of main paths do nothing for another addition.
         if wanted.host_sums
+            && is_alone
             && let Some(paths) = pilot::find(gpu, ir, options, program, choices.main_path)?
         {
             wanted.main_path = Some(paths.main);
             wanted.side_paths = if choices.side_paths == When::Never { Vec::new() } else { paths.sides };
         }
-        Ok(Box::new(wanted))
+        self.wanted = wanted;
+        Ok(())
     }
 
-    fn limits(&self, program: &Program) -> DispatchLimits {
-        let plain = DispatchLimits::of(program);
+    fn limits(&self, program: &Program, plain: DispatchLimits) -> DispatchLimits {
         let processors = self.profile.processors.unwrap_or(plain.processors);
         let added = CpuExtension::of_program(program);
         let Some(log) = &added.end_log else { return DispatchLimits { processors, ..plain } };
@@ -241,30 +265,30 @@ impl Strategy for Cpu {
         DispatchLimits { default_rays, most_rays: log.max_rays(added.path_log.as_ref()), processors }
     }
 
-    fn open(&mut self, gpu: &Gpu, plan: &Plan) -> Result<Additions> {
+    fn open(&mut self, gpu: &Gpu, plan: &Plan) -> Result<ExtraBindings> {
         let Plan { program, options, .. } = plan;
         let added = CpuExtension::of_program(program);
-        let Some(log) = &added.end_log else { return Ok(Additions::default()) };
+        let Some(log) = &added.end_log else { return Ok(ExtraBindings::default()) };
         let mut logs = EndLogs::new(gpu, log.clone(), added.path_log.clone(), &program.cells, plan.batch)?;
         let num_expected = (!options.may_end_early).then_some(options.num_rays);
         logs.follow_sides(&added.side_paths, num_expected, self.choices.side_paths == When::Always);
-        let additions = self.additions(gpu, plan, &logs.devices()[0])?;
+        let extra = self.extra(gpu, plan, &logs.devices()[0])?;
         self.logs = Some(logs);
-        Ok(additions)
+        Ok(extra)
     }
 
-    fn begin(&mut self) {
+    fn discard(&mut self) {
         self.logs.as_mut().into_iter().for_each(EndLogs::discard);
     }
 
     /// Those of the main path take so little time that they are always a batch.
-    fn range_rays(&self, engine: &Engine) -> u32 {
+    fn range_rays(&self, engine: &Engine) -> Option<u32> {
         let follows_path = CpuExtension::of_program(&engine.plan.program).main_path.is_some()
             && self.path_pays(&engine.plan.program);
-        if follows_path { engine.plan.batch } else { engine.size.rays() }
+        follows_path.then_some(engine.plan.batch)
     }
 
-    fn trace(&mut self, engine: &mut Engine, range: &RayRange) -> Result<()> {
+    fn trace(&mut self, engine: &mut Engine, range: &RayRange) -> Result<bool> {
         let range = RayRange { log_stride: self.logs.as_ref().map_or(0, EndLogs::stride), ..*range };
         let pays = self.path_pays(&engine.plan.program);
         match &mut self.logs {
@@ -273,7 +297,8 @@ impl Strategy for Cpu {
         }
         // Enough for two, so that lists of many side paths do not grow long.
         self.follow_sides(engine, range.source, 2 * engine.plan.batch as usize)?;
-        self.retrace_rejected(engine, range.source, engine.size.rays())
+        self.retrace_rejected(engine, range.source, engine.size.rays())?;
+        Ok(true)
     }
 
     /// Logs are added up while the device traces on.
@@ -296,7 +321,7 @@ impl Strategy for Cpu {
         self.finish_logs(engine)
     }
 
-    fn drain(&mut self, engine: &Engine, tally: &mut Tally) -> Result<()> {
+    fn drain(&mut self, engine: &mut Engine, tally: &mut Tally) -> Result<()> {
         self.mark_paths_reached(&engine.plan.program, tally);
         let Some(logs) = &mut self.logs else { return Ok(()) };
         let ends = logs.take(&engine.plan.program.cells)?;
@@ -317,12 +342,5 @@ impl Strategy for Cpu {
         self.second.clear();
         self.ids.truncate(1);
         self.logs.as_mut().into_iter().for_each(EndLogs::keep_first_device);
-    }
-
-    fn num_along_paths(&self) -> Vec<[u64; 2]> {
-        let counts = |logs: &EndLogs| {
-            std::iter::once(logs.num_followed_and_rejected()).chain(logs.num_along_sides()).collect()
-        };
-        self.logs.as_ref().map_or_else(Vec::new, counts)
     }
 }

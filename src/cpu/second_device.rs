@@ -22,7 +22,7 @@ impl Cpu {
             && rays_left > 0
             && engine.profile.is_none()
             && !engine.device.keeps_rows()
-            && engine.path_table.is_none()
+            && engine.num_bound_additions <= 1
             && engine.device.bytes + self.bytes <= MOST_BYTES;
         let pays = || self.profile.two_devices && seconds_left.is_some_and(|left| left >= PAYS_SEC);
         if is_possible && self.choices.second_device.holds(pays) {
@@ -37,8 +37,8 @@ impl Cpu {
         let Some(mut logs) = self.logs.take() else { return Ok(()) };
         let opened = engine.gpu.open_again().and_then(|gpu| {
             let own_logs = logs.logs_on(&gpu)?;
-            let additions = self.additions(&gpu, &engine.plan, &own_logs)?;
-            Ok((engine.plan.open(&gpu, &additions)?, own_logs))
+            let extra = self.extra(&gpu, &engine.plan, &own_logs)?;
+            Ok((engine.plan.open(&gpu, &extra)?, own_logs))
         });
         let added = match opened {
             Ok((device, own_logs)) => logs.add_device(own_logs).map(|()| self.second.push(device)),

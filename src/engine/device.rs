@@ -1,7 +1,7 @@
 //! A program on a device: its stages, its buffers, and the groups that bind them.
 
 use crate::engine::intake::Intake;
-use crate::engine::stages::{Additions, RoundStages, Stages};
+use crate::engine::stages::{ExtraBindings, RoundStages, Stages};
 use crate::engine::sums::DeviceSums;
 use crate::error::{Error, Result};
 use crate::gpu::{self, Gpu};
@@ -17,24 +17,21 @@ pub(crate) struct DeviceState {
     pub(super) stages: Arc<Stages>,
     /// The buffers for rays that outlive a dispatch, where there can be such rays.
     pub(super) rounds: Option<Rounds>,
-    /// Group 0, once for each list of buffers that a strategy adds.
+    /// Group 0, once for each list of buffers that additions bring.
     pub(super) scenes: Vec<wgpu::BindGroup>,
     /// Group 1, with the queues in either direction. Rays that survive a new range go to the first queue.
     pub(super) queues: [wgpu::BindGroup; 2],
     pub(super) range: wgpu::Buffer,
     pub(super) source: wgpu::Buffer,
-    /// Its tangents, by parameter.
-    pub(super) source_tangents: Vec<wgpu::Buffer>,
+    /// The uniforms of additions, by source ([`Program::uploads`]).
+    pub(super) uploads: Vec<wgpu::Buffer>,
     pub(super) counts: wgpu::Buffer,
     pub(super) rng_table: wgpu::Buffer,
     pub(super) sums: DeviceSums,
     pub(super) tops: Option<DeviceSums>,
     pub(super) counters: DeviceSums,
     /// Rows for the host, where the scene or the user asks for them.
-    pub(super) events: Option<wgpu::Buffer>,
-    /// The table of paths, where there is one, and its head.
-    pub(super) paths: Option<wgpu::Buffer>,
-    pub(super) paths_head: wgpu::Buffer,
+    pub(crate) events: Option<wgpu::Buffer>,
 }
 
 /// The buffers of the stages that follow the rays in a queue.
@@ -50,8 +47,7 @@ impl DeviceState {
         program: &Program,
         batch: u32,
         stages: Arc<Stages>,
-        additions: &Additions,
-        path_words: Option<u64>,
+        extra: &ExtraBindings,
     ) -> Result<Self> {
         let compiler = &stages.compiler;
         let [scene_layout, queue_layout] = &compiler.layouts;
@@ -64,22 +60,18 @@ impl DeviceState {
         let range = gpu.constant_buffer("range", &vec![0; stride_of(program, "Range")? as usize]);
         let source =
             gpu.constant_buffer("source", program.source_uniforms.first().map_or(&[], Vec::as_slice));
-        let source_tangents: Vec<(u32, wgpu::Buffer)> = program
-            .source_tangents
+        let uploads: Vec<(u32, wgpu::Buffer)> = program
+            .uploads
             .iter()
-            .map(|(number, of_sources)| {
-                (*number, gpu.constant_buffer("tangents of the source", &of_sources[0]))
-            })
+            .map(|(number, of_sources)| (*number, gpu.constant_buffer("an upload", &of_sources[0])))
             .collect();
-        let events = match program.options.has_events(&program.features) {
-            true => {
-                let rows = program.max_events_per_ray * u64::from(batch);
+        let events = match program.max_events_per_ray {
+            0 => None,
+            per_ray => {
+                let rows = per_ray * u64::from(batch);
                 Some(gpu.buffer("the rows", rows * stride_of(program, "Event")?)?)
             }
-            false => None,
         };
-        let paths = path_words.map(|words| gpu.buffer("the table of paths", 4 * words)).transpose()?;
-        let paths_head = gpu.constant_buffer("the head of the table of paths", &[0; 16]);
         let is_image = |number: u32| {
             let is_it = |binding: &gpu::compute::Binding| {
                 (binding.group, binding.number) == (bindings::SCENE, number)
@@ -109,16 +101,14 @@ impl DeviceState {
             scene.push((bindings::SOURCE, &source));
         }
         scene.extend(events.as_ref().map(|events| (bindings::EVENTS, events)));
-        scene.extend(paths.as_ref().map(|paths| (bindings::PATHS, paths)));
-        scene.extend(paths.as_ref().map(|_| (bindings::PATHS_HEAD, &paths_head)));
-        scene.extend(constants.iter().chain(&source_tangents).map(|(number, buffer)| (*number, buffer)));
+        scene.extend(constants.iter().chain(&uploads).map(|(number, buffer)| (*number, buffer)));
         let group = |added: &Vec<(u32, wgpu::Buffer)>| {
             let added = added.iter().map(|(number, buffer)| (*number, buffer));
             gpu.bind_group("scene", scene_layout, scene.iter().copied().chain(added), &images)
         };
-        let scenes = additions.groups.iter().map(group).collect();
+        let scenes = extra.groups.iter().map(group).collect();
 
-        let queue_bytes = if has_queue { u64::from(batch) * stride_of(program, "QueuedRay")? } else { 0 };
+        let queue_bytes = if has_queue { u64::from(batch) * stride_of_queue(program)? } else { 0 };
         let queue =
             [gpu.buffer("the first queue", queue_bytes)?, gpu.buffer("the second queue", queue_bytes)?];
         let direction = |from: usize, to: usize| {
@@ -139,15 +129,13 @@ impl DeviceState {
             queues,
             range,
             source,
-            source_tangents: source_tangents.into_iter().map(|(_, buffer)| buffer).collect(),
+            uploads: uploads.into_iter().map(|(_, buffer)| buffer).collect(),
             counts,
             rng_table,
             sums,
             tops,
             counters,
             events,
-            paths,
-            paths_head,
         })
     }
 
@@ -224,6 +212,17 @@ impl Rounds {
         let buffers = [(bindings::COUNTS, counts), (bindings::WORKGROUPS, &workgroups)];
         let advancing = gpu.bind_group("advance", &stages.advancing, buffers, &[]);
         Ok(Rounds { advancing, workgroups })
+    }
+}
+
+/// Bytes of an entry of a queue, of a program whose rays can outlive a dispatch.
+pub(crate) fn stride_of_queue(program: &Program) -> Result<u64> {
+    let module = &program.module;
+    let queue =
+        module.global_variables.iter().find(|(_, variable)| variable.name.as_deref() == Some("queue_in"));
+    match queue.map(|(_, variable)| &module.types[variable.ty].inner) {
+        Some(naga::TypeInner::Array { stride, .. }) => Ok(u64::from(*stride)),
+        _ => Err(Error::Internal("the program has no queue".into())),
     }
 }
 

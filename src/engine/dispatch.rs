@@ -15,9 +15,9 @@ use std::time::Instant;
 /// How a device traces a range.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Route {
-    /// The number of the bind group that holds the strategy's buffers.
+    /// The number of the bind group that holds the buffers of additions.
     pub(crate) group: usize,
-    /// The number of a stage that a strategy has added; `None` for the plain stages.
+    /// The number of a stage that an addition has brought; `None` for the plain stages.
     pub(crate) added: Option<usize>,
     /// Rays that an invocation of the first stage follows.
     pub(crate) rays_per_invocation: u32,
@@ -143,7 +143,7 @@ pub(super) fn write_range(device: &DeviceState, program: &Program, range: &RayRa
     if let Some(source) = program.source_uniforms.get(range.source) {
         queue.write_buffer(&device.source, 0, source);
     }
-    for (buffer, (_, of_sources)) in device.source_tangents.iter().zip(&program.source_tangents) {
+    for (buffer, (_, of_sources)) in device.uploads.iter().zip(&program.uploads) {
         queue.write_buffer(buffer, 0, &of_sources[range.source]);
     }
     queue.write_buffer(&device.range, 0, &program.range_bytes(range)?);

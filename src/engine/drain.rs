@@ -1,9 +1,9 @@
-//! How the sums of devices and strategies get into a tally.
+//! How the sums of devices and additions get into a tally.
 
 use crate::engine::Engine;
+use crate::engine::addition::Additions;
 use crate::engine::device::DeviceState;
 use crate::engine::intake::Intake;
-use crate::engine::strategy::Strategy;
 use crate::engine::undrained::{Undrained, empty_tally};
 use crate::error::{Error, Result};
 use crate::program::SecondMoments;
@@ -11,10 +11,21 @@ use crate::program::layout::tables::ReachedMarks;
 use crate::result::Tally;
 
 /// Adds all sums since the last drain to a tally, and clears them.
-pub(crate) fn drain(engine: &mut Engine, strategy: &mut dyn Strategy, tally: &mut Tally) -> Result<()> {
-    strategy.settle(engine)?;
-    engine.check_loops(strategy)?;
-    for device in engine.devices(strategy.devices()) {
+pub(crate) fn drain(engine: &mut Engine, additions: &mut Additions, tally: &mut Tally) -> Result<()> {
+    drain_devices(engine, additions, tally)?;
+    additions.drain(engine, tally)?;
+    let Undrained { launched, rays, .. } = std::mem::take(&mut engine.undrained);
+    tally.launched += launched;
+    tally.rays += &rays;
+    engine.rows.drain(tally);
+    Ok(())
+}
+
+/// Adds the sums of the devices to a tally, and clears them.
+fn drain_devices(engine: &mut Engine, additions: &mut Additions, tally: &mut Tally) -> Result<()> {
+    additions.settle(engine)?;
+    engine.check_loops(additions)?;
+    for device in engine.devices(additions) {
         // Each device has an intake of its own. Bits of reached primitives do not add up, and each device reports its
         // own overflow.
         let mut intake = engine.intake(tally);
@@ -24,24 +35,17 @@ pub(crate) fn drain(engine: &mut Engine, strategy: &mut dyn Strategy, tally: &mu
     if let Some(spilled) = engine.spilled.take() {
         *tally += &spilled;
     }
-    strategy.drain(engine, tally)?;
-    engine.drain_paths(tally)?;
-    let Undrained { launched, rays, .. } = std::mem::take(&mut engine.undrained);
-    tally.launched += launched;
-    tally.rays += &rays;
-    engine.rows.drain(tally);
     Ok(())
 }
 
 /// Discards what an earlier trace left that failed half-way.
-pub(crate) fn discard(engine: &mut Engine, strategy: &mut dyn Strategy) -> Result<()> {
-    strategy.begin();
+pub(crate) fn discard(engine: &mut Engine, additions: &mut Additions) -> Result<()> {
+    additions.discard();
     if engine.undrained.counts > 0 {
-        // The table of paths is emptied where the next trace begins.
-        let table = engine.path_table.take();
-        let drained = drain(engine, strategy, &mut empty_tally(engine.ir));
-        engine.path_table = table;
-        drained?;
+        let nothing = &mut empty_tally(engine.ir);
+        drain_devices(engine, additions, nothing)?;
+        engine.undrained = Undrained::default();
+        engine.rows.drain(nothing);
     }
     Ok(())
 }
@@ -65,7 +69,7 @@ impl Engine<'_> {
 
     /// Asks the devices which primitives rays have reached, unless all are known. Later rays need not report these
     /// again.
-    pub(crate) fn learn_reached(&mut self, strategy: &dyn Strategy) -> Result<()> {
+    pub(crate) fn learn_reached(&mut self, additions: &Additions) -> Result<()> {
         let cells = &self.plan.program.cells;
         let mut reached = self.undrained.reached;
         if self.plan.reached_marks() != ReachedMarks::Bits
@@ -73,7 +77,7 @@ impl Engine<'_> {
         {
             return Ok(());
         }
-        for device in self.devices(strategy.devices()) {
+        for device in self.devices(additions) {
             reached |= device.counters.read_word(&device.gpu, cells.reached)?;
         }
         self.undrained.reached = reached;
@@ -81,13 +85,13 @@ impl Engine<'_> {
     }
 
     /// Fails if the driver has left loops before their end (shaders/cpu/rounds.many.wgsl).
-    pub(crate) fn check_loops(&self, strategy: &dyn Strategy) -> Result<()> {
+    pub(crate) fn check_loops(&self, additions: &Additions) -> Result<()> {
         let program = &self.plan.program;
         if !program.options.has_many_rounds(&program.features) {
             return Ok(());
         }
         let mut were_cut = false;
-        for device in self.devices(strategy.devices()) {
+        for device in self.devices(additions) {
             were_cut |= device.take_cut_loops()?;
         }
         if !were_cut {
@@ -118,7 +122,6 @@ mod tests {
     use super::*;
     use crate::engine::options::TraceOptions;
     use crate::engine::prepare::prepare;
-    use crate::engine::strategy::Plain;
     use crate::engine::wavefront;
     use crate::gpu::{AdapterChoice, Gpu};
     use crate::run::StandardError;
@@ -142,9 +145,10 @@ mod tests {
             let options =
                 TraceOptions { num_rays: 5000, max_depth: 900, standard_error, ..Default::default() };
             let traced = |most_counts: Option<u64>| {
-                let mut engine = prepare(&gpu, &ir, &options, &mut Plain, |wgsl| wgsl).unwrap();
+                let mut plain = Additions::default();
+                let mut engine = prepare(&gpu, &ir, &options, &mut plain, |wgsl| wgsl).unwrap();
                 engine.most_counts = most_counts.unwrap_or(engine.most_counts);
-                wavefront::trace(&mut engine, &mut Plain, empty_tally(&ir), |_| Ok(true)).unwrap()
+                wavefront::trace(&mut engine, &mut plain, empty_tally(&ir), |_| Ok(true)).unwrap()
             };
             let tally = traced(None);
             assert!(tally.depth_killed.count + tally.roulette_loss.count > 1000, "light is caught");

@@ -1,7 +1,7 @@
 //! How many rays a dispatch and a pass may have. Buffers, counters and ids set upper limits, and a busy device a lower
 //! one.
 
-use crate::engine::device::stride_of;
+use crate::engine::device::stride_of_queue;
 use crate::engine::options::TraceOptions;
 use crate::engine::rounds::unasked;
 use crate::error::{Error, Result};
@@ -49,7 +49,7 @@ impl DispatchLimits {
             0 => u32::MAX,
             per_ray => (u64::from(MAX_EVENTS) / per_ray).max(1) as u32,
         };
-        let queued = match (program.options.has_queue(), stride_of(program, "QueuedRay")) {
+        let queued = match (program.options.has_queue(), stride_of_queue(program)) {
             (true, Ok(stride)) => {
                 (gpu.device.limits().max_storage_buffer_binding_size / stride).min(1 << 30) as u32
             }
@@ -99,10 +99,11 @@ pub(crate) fn counts_per_ray(program: &Program) -> u64 {
 }
 
 /// Most events of one launched ray, its end included, before the host asks how many rays live on
-/// ([`crate::engine::rounds`]). The table of paths is not read within a range. Where detectors let rays pass, one row of
-/// the table may count every event of a ray.
+/// ([`crate::engine::rounds`]). An addition may have sums that are not read within a range. Where detectors let rays pass,
+/// one of them may count every event of a ray.
 pub(crate) fn counts_unasked(program: &Program) -> u64 {
-    let counts_passes = program.path_table.is_some() && program.features.transmissive;
+    let counts_passes =
+        program.features.transmissive && program.additions.any(|addition| addition.counts_events_unread());
     match unasked(num_rounds(program)).end == num_rounds(program) || counts_passes {
         true => counts_per_ray(program),
         false => u64::from(program.options.events_per_dispatch + 1),

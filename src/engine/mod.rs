@@ -12,9 +12,10 @@
 //! - a **submission** hands the dispatches of a range to the device;
 //! - a **pass** is ranges of all sources, after which the caller is asked whether to go on.
 //!
-//! Each part of the loop that may be done otherwise is a method of a [`strategy`]. The engine is complete without a
-//! special strategy: it then runs with [`strategy::Plain`].
+//! What is added to the loop, or done otherwise on some adapters, is an [`addition`]. The engine is complete without
+//! any.
 
+pub mod addition;
 pub mod budget;
 pub mod device;
 pub mod dispatch;
@@ -27,30 +28,24 @@ pub mod moments;
 pub mod options;
 pub mod pace;
 pub mod passes;
-pub mod path_maps;
-pub mod path_table;
-pub mod paths;
 pub mod plan;
 pub mod prepare;
 pub mod rates;
+pub(crate) mod retrace;
 pub mod rounds;
 pub mod rows;
-pub mod sequences;
 pub mod shelf;
 pub mod stages;
-pub mod strategy;
 pub mod submit;
 pub mod sums;
-pub mod tangents;
 pub mod tuning;
 pub mod undrained;
-pub(crate) mod walk;
 pub mod wavefront;
 
+use crate::engine::addition::Additions;
 use crate::engine::device::DeviceState;
 use crate::engine::dispatch_size::{DispatchSize, PASS_TIME};
 use crate::engine::limits::MAX_COUNTS_UNDRAINED;
-use crate::engine::path_table::PathTable;
 use crate::engine::plan::Plan;
 use crate::engine::rows::Rows;
 use crate::engine::undrained::Undrained;
@@ -78,8 +73,6 @@ pub(crate) struct Engine<'a> {
     pub(crate) most_counts: u64,
     /// Rows for the host that are not yet in a tally.
     pub(crate) rows: Rows,
-    /// The table of paths, where light is summed up by its path.
-    pub(crate) path_table: Option<PathTable>,
     /// Times the stages, if the user asked for that.
     pub(crate) profile: Option<Profile>,
     /// A pass ends at this position, if the position lies ahead.
@@ -93,17 +86,24 @@ pub(crate) struct Engine<'a> {
     pub(crate) idle_time: Duration,
     /// When the first rays of all had been traced; `None` until a pass was waited for.
     pub(crate) first_end: Option<Instant>,
+    /// The number of additions that have buffers on the device.
+    pub(crate) num_bound_additions: usize,
 }
 
 impl<'a> Engine<'a> {
     /// A plan on a device, before the first ray.
-    fn new(gpu: &'a Gpu, ir: &'a SceneIr, plan: Plan, device: DeviceState) -> Self {
+    fn new(
+        gpu: &'a Gpu,
+        ir: &'a SceneIr,
+        plan: Plan,
+        device: DeviceState,
+        num_bound_additions: usize,
+    ) -> Self {
         Engine {
             gpu,
             ir,
             device,
             size: plan.dispatch_size(),
-            path_table: PathTable::of(&plan),
             plan,
             pass_time: PASS_TIME,
             undrained: Undrained::default(),
@@ -116,19 +116,20 @@ impl<'a> Engine<'a> {
             num_submissions: 0,
             idle_time: Duration::ZERO,
             first_end: None,
+            num_bound_additions,
         }
     }
 
-    /// Sets the seed of the draws from now on, on this device and others. Nothing is compiled anew.
-    pub(crate) fn set_seed(&mut self, others: &[DeviceState], seed: u64) {
+    /// Sets the seed of the draws from now on, on all devices. Nothing is compiled anew.
+    pub(crate) fn set_seed(&mut self, additions: &mut Additions, seed: u64) {
         self.plan.options.seed = seed;
         self.plan.program.set_seed(seed);
-        self.devices(others).for_each(|device| device.set_draws(&self.plan.program.rng_table));
-        self.path_table.iter_mut().for_each(|table| table.set_seed(seed));
+        self.devices(additions).for_each(|device| device.set_draws(&self.plan.program.rng_table));
+        additions.set_seed(seed);
     }
 
-    /// The engine's device, and others.
-    fn devices<'d>(&'d self, others: &'d [DeviceState]) -> impl Iterator<Item = &'d DeviceState> {
-        std::iter::once(&self.device).chain(others)
+    /// The engine's device, and those that additions have opened.
+    fn devices<'d>(&'d self, additions: &'d Additions) -> impl Iterator<Item = &'d DeviceState> {
+        std::iter::once(&self.device).chain(additions.devices())
     }
 }

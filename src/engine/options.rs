@@ -42,12 +42,8 @@ pub struct TraceOptions {
     pub precision: Precision,
     /// Which paths are recorded.
     pub paths: RecordPaths,
-    /// Light is summed up by its path, in a table.
-    pub path_table: bool,
-    /// The table has rows for rays that no detector records, too: absorbed, missed, ended by the depth limit or roulette.
-    pub path_ends: bool,
-    /// Most rows of the table of paths.
-    pub path_rows: u32,
+    /// What is collected, beside what every detector records.
+    pub collect: Collect,
     /// Maps, spectra, ray databases and detected flux have only the light whose path matches.
     pub path_filter: Option<Arc<PathFilter>>,
     /// Whether second moments are summed as well, so that results have standard errors.
@@ -72,14 +68,44 @@ pub struct TraceOptions {
     ///
     /// [`Shelf`]: crate::engine::shelf::Shelf
     pub live: bool,
-    /// Parameters by which the detectors' sums are differentiated. Such a trace has live numbers, all events of a ray in one
-    /// dispatch, and no split rays.
-    pub tangents: Option<Arc<Tangents>>,
-    /// Rays are walked back ([`crate::engine::walk`]).
-    pub adjoints: bool,
     /// Most bytes of a part in which sums are bound; `None`: as many as the adapter binds. No result changes.
     #[doc(hidden)]
     pub part_bytes: Option<u64>,
+}
+
+/// What a trace collects, beside what every detector records.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub enum Collect {
+    /// Nothing more.
+    #[default]
+    Light,
+    /// Light summed up by its path, in a table.
+    Paths {
+        /// Most rows of the table.
+        rows: u32,
+        /// The table has rows for rays that no detector records, too: absorbed, missed, ended by the depth limit or
+        /// roulette.
+        ends: bool,
+    },
+    /// So many maps of light by its path, and where that light lies, for paths that are known.
+    PathMaps(u32),
+    /// What happens to each ray of a list, with the ends of [`Collect::Paths`].
+    Events {
+        /// Ends without a detector, too.
+        ends: bool,
+    },
+    /// Derivatives of the detectors' sums by these parameters. Such a trace has live numbers, all events of a ray in one
+    /// dispatch, and no split rays.
+    Tangents(Arc<Tangents>),
+    /// Derivatives of a loss by all numbers of the scene: rays are walked back.
+    Adjoints,
+}
+
+impl Collect {
+    /// Light summed up by its path, of rays that detectors record, in a table of the default size.
+    pub fn paths() -> Self {
+        Collect::Paths { rows: DEFAULT_PATH_ROWS, ends: false }
+    }
 }
 
 /// Whether arithmetic is strict: the driver then neither fuses nor reorders floating-point operations.
@@ -148,9 +174,7 @@ impl Default for TraceOptions {
             batch_size: None,
             precision: Precision::F64,
             paths: RecordPaths::None,
-            path_table: false,
-            path_ends: false,
-            path_rows: DEFAULT_PATH_ROWS,
+            collect: Collect::Light,
             path_filter: None,
             standard_error: StandardError::Auto,
             baked: None,
@@ -161,8 +185,6 @@ impl Default for TraceOptions {
             events_per_dispatch: Tuning::default().events_per_dispatch,
             strict: Strict::Auto,
             live: false,
-            tangents: None,
-            adjoints: false,
             part_bytes: None,
         }
     }
@@ -184,7 +206,7 @@ impl TraceOptions {
     /// traced again, by another shader, must take the same path.
     pub(crate) fn is_strict(&self, adapter: &AdapterInfo) -> bool {
         match self.strict {
-            Strict::Auto if self.path_table => adapter.strict,
+            Strict::Auto if matches!(self.collect, Collect::Paths { .. }) => adapter.strict,
             strict => strict.holds(adapter),
         }
     }
@@ -259,14 +281,16 @@ pub(crate) fn check_options(gpu: &Gpu, options: &TraceOptions) -> Result<()> {
     if !(0.0..=1.0).contains(&options.min_flux_fraction) {
         return usage(format!("min_flux_fraction is {}; it must lie in 0..=1", options.min_flux_fraction));
     }
-    if !(1..=MOST_PATH_ROWS).contains(&options.path_rows) {
-        return usage(format!(
-            "a table of paths of {} rows was asked for; it has 1 to {MOST_PATH_ROWS} rows",
-            options.path_rows
-        ));
-    }
-    if (options.tangents.is_some() || options.adjoints) && options.sampler == Sampler::Sobol {
-        return usage("derivatives take random numbers; leave out --sampler sobol".into());
+    match options.collect {
+        Collect::Paths { rows, .. } if !(1..=MOST_PATH_ROWS).contains(&rows) => {
+            return usage(format!(
+                "a table of paths of {rows} rows was asked for; it has 1 to {MOST_PATH_ROWS} rows"
+            ));
+        }
+        Collect::Tangents(_) | Collect::Adjoints if options.sampler == Sampler::Sobol => {
+            return usage("derivatives take random numbers; leave out --sampler sobol".into());
+        }
+        _ => {}
     }
     if options.batch_size == Some(0) {
         return usage("the batch size is 0; at least one ray is needed".into());

@@ -3,6 +3,7 @@
 //! Sources take turns: each pass takes the same share of every source's rays. So the rays done at any moment are a fair
 //! sample of the scene. A position counts the rays of all sources, from 0 to their number.
 
+use crate::engine::addition::Additions;
 use crate::engine::budget::{SourceRays, distribute, part};
 use crate::engine::device::DeviceState;
 use crate::engine::dispatch_size::DispatchSize;
@@ -10,17 +11,15 @@ use crate::engine::intake::Counted;
 use crate::engine::limits::{DispatchLimits, check_families, counts_per_ray};
 use crate::engine::moments::MomentSource;
 use crate::engine::options::{TraceOptions, check_options};
-use crate::engine::stages::{Additions, Stages};
-use crate::engine::tangents::add_tangents;
+use crate::engine::stages::{ExtraBindings, Stages};
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::model::SceneIr;
+use crate::program::addition::ShaderAdditions;
 use crate::program::layout::numbers::lie_in_uniforms;
-use crate::program::layout::paths::slots_for;
 use crate::program::layout::tables::ReachedMarks;
 use crate::program::parsed::Parsed;
-use crate::program::wgsl::extension::Extend;
-use crate::program::{self, PathSums, Precision, Program, ProgramOptions, RayRange};
+use crate::program::{self, Precision, Program, ProgramOptions, RayRange};
 use crate::result::{FluxSum, QUANTA_PER_WEIGHT, RaySet, RaySpan, Tally};
 use std::sync::Arc;
 
@@ -48,47 +47,31 @@ fn roulette_threshold(ir: &SceneIr, options: &TraceOptions) -> f64 {
     options.min_flux_fraction.max(ir.sampling.rr_start_flux)
 }
 
-/// A plan whose program is not composed yet.
-pub(crate) struct Draft {
-    options: TraceOptions,
-    rays: Vec<SourceRays>,
-    moments: MomentSource,
-    /// How the program is to be composed: in the plain way, unless a strategy changes it.
-    pub(crate) program: ProgramOptions,
-}
-
-impl Draft {
-    /// Shares out the rays.
-    pub(crate) fn new(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Result<Self> {
+impl Plan {
+    /// Shares out the rays, and composes the program. `parse` gives the module of a text.
+    pub(crate) fn new(
+        gpu: &Gpu,
+        ir: &SceneIr,
+        options: &TraceOptions,
+        additions: &mut Additions,
+        parse: impl FnOnce(String, Precision, &ShaderAdditions) -> Result<Arc<Parsed>>,
+    ) -> Result<Self> {
         check_options(gpu, options)?;
         let rays = part(distribute(ir, options.budget(), options.shares.as_deref())?, options)?;
         let weights: Vec<f64> = rays.iter().map(|rays| rays.weight).collect();
         let moments = MomentSource::of(ir, options, &weights, roulette_threshold(ir, options));
-        let program = plain(gpu, ir, options, weights, moments);
-        Ok(Draft { options: options.clone(), rays, moments, program })
-    }
-
-    /// Composes the program, with an extension. `parse` gives the module of a text. `limits` sets how large dispatches
-    /// should be.
-    pub(crate) fn compose(
-        self,
-        gpu: &Gpu,
-        ir: &SceneIr,
-        extend: &dyn Extend,
-        parse: impl FnOnce(String, Precision) -> Result<Arc<Parsed>>,
-        limits: impl FnOnce(&Program) -> DispatchLimits,
-    ) -> Result<Plan> {
-        let Draft { options, rays, moments, program } = self;
-        let mut program = Program::parsed_by(ir, program, extend, options.seed, parse)?;
-        add_tangents(ir, &options, &mut program)?;
-        check_families(&program, &options)?;
-        let limits = limits(&program);
+        let mut program = plain(gpu, ir, options, weights, moments);
+        additions.specialise(gpu, ir, options, &mut program)?;
+        let mut program = Program::parsed_by(ir, program, &additions.of_program(), options.seed, parse)?;
+        additions.pack(ir, options, &mut program)?;
+        check_families(&program, options)?;
+        let limits = additions.limits(&program);
         Ok(Plan {
             num_rays: rays.iter().map(|rays| rays.count).sum(),
             rays,
             moments,
-            batch: limits.batch(gpu, &program, &options),
-            options,
+            batch: limits.batch(gpu, &program, options),
+            options: options.clone(),
             limits,
             program,
         })
@@ -105,8 +88,6 @@ fn plain(
 ) -> ProgramOptions {
     let primitives = ir.surfaces.len() + ir.detectors.len();
     let events_per_dispatch = match moments {
-        // Rays that wait in a queue have no tangents.
-        _ if options.tangents.is_some() || options.adjoints => options.max_depth,
         // Only the invocation that traces a ray knows the ray's crossings of detectors.
         MomentSource::Device if ir.detectors.iter().any(|detector| !detector.absorb) => options.max_depth,
         _ => options.events_per_dispatch.min(options.max_depth),
@@ -126,24 +107,23 @@ fn plain(
         most_rays_per_invocation: 1,
         vector_lanes: gpu.vector_lanes(),
         paths: options.paths.sampling(options.budget()),
-        path_sums: if options.path_table { PathSums::Totals } else { PathSums::None },
-        path_ends: options.path_ends,
-        path_filter: options.path_filter.clone(),
         weights,
         sampler: options.sampler,
         moments: moments.on_device(),
         part_bytes: options.part_bytes.unwrap_or(gpu.largest_binding()),
         live: options.live,
-        tangents: options.tangents.as_ref().map_or(0, |tangents| tangents.num()),
-        adjoints: options.adjoints,
+        copies_numbers: false,
+        fixed_rays_per_invocation: None,
+        has_long_loops: false,
+        counts_wrong_sides: true,
     }
 }
 
 impl Plan {
     /// The program on a device, for which its stages are compiled.
-    pub(crate) fn open(&self, gpu: &Gpu, additions: &Additions) -> Result<DeviceState> {
-        let stages = Stages::new(gpu, &self.program, self.options.is_strict(&gpu.info), additions)?;
-        DeviceState::new(gpu, &self.program, self.batch, Arc::new(stages), additions, self.path_table_words())
+    pub(crate) fn open(&self, gpu: &Gpu, extra: &ExtraBindings) -> Result<DeviceState> {
+        let stages = Stages::new(gpu, &self.program, self.options.is_strict(&gpu.info), extra)?;
+        DeviceState::new(gpu, &self.program, self.batch, Arc::new(stages), extra)
     }
 
     /// The size of dispatches, before any was timed.
@@ -155,28 +135,6 @@ impl Plan {
     /// True if the trace is a part of a larger one.
     pub(crate) fn is_part(&self) -> bool {
         self.options.of_rays.is_some() || self.options.first_ray > 0
-    }
-
-    /// Most deposits of one launched ray that a table of paths tells apart. A ray that detectors let pass may make one at
-    /// each of its events.
-    pub(crate) fn path_deposits_per_ray(&self) -> u64 {
-        match self.program.features.transmissive || self.program.splitting.is_some() {
-            true => counts_per_ray(&self.program),
-            false => 1,
-        }
-    }
-
-    /// Slots of the largest table of paths: twice the number of rows, or of deposits if these are fewer.
-    pub(crate) fn most_path_slots(&self) -> u32 {
-        let deposits = self.num_rays.saturating_mul(self.path_deposits_per_ray());
-        // Few rows need many slots as well, until a pilot has chosen what has a row.
-        let rows = u64::from(self.options.path_rows).max(1 << 15).min(deposits);
-        slots_for(rows as usize)
-    }
-
-    /// The words of the largest table of paths, if there is one.
-    pub(crate) fn path_table_words(&self) -> Option<u64> {
-        self.program.path_table.map(|layout| layout.words(self.most_path_slots()))
     }
 
     /// The number of rays done at a position.

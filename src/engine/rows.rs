@@ -18,10 +18,10 @@ pub(crate) struct Rows {
 }
 
 /// A row as the device wrote it. Positions are relative to the scene's centre.
-pub(super) struct DeviceEvent {
-    pub(super) kind: u32,
-    pub(super) subject: u32,
-    pub(super) row: RayRow,
+pub(crate) struct DeviceEvent {
+    pub(crate) kind: u32,
+    pub(crate) subject: u32,
+    pub(crate) row: RayRow,
 }
 
 impl Rows {
@@ -63,7 +63,7 @@ impl Rows {
 }
 
 /// Reads the rows of the range that began at ray `first`, in the order in which the device wrote them, and forgets them.
-pub(super) fn read_events(
+pub(crate) fn read_events(
     device: &DeviceState,
     buffer: &wgpu::Buffer,
     plan: &Plan,

@@ -1,9 +1,10 @@
 //! Compiled shaders of earlier traces. Scenes whose shaders have the same text share one: with live numbers, all scenes
 //! of one shape do ([`crate::program::layout::numbers`]).
 
-use crate::engine::stages::{Additions, Stages};
+use crate::engine::stages::{ExtraBindings, Stages};
 use crate::error::Result;
 use crate::gpu::Gpu;
+use crate::program::addition::ShaderAdditions;
 use crate::program::parsed::Parsed;
 use crate::program::{Precision, Program};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -53,11 +54,18 @@ impl Shelf {
     }
 
     /// The module of a text, parsed now if it was not before.
-    pub(crate) fn parsed(&self, wgsl: String, precision: Precision) -> Result<Arc<Parsed>> {
+    pub(crate) fn parsed(
+        &self,
+        wgsl: String,
+        precision: Precision,
+        additions: &ShaderAdditions,
+    ) -> Result<Arc<Parsed>> {
         let mut shaders = self.lock();
         let shader = match shaders.iter().position(|shader| shader.parsed.wgsl == wgsl) {
             Some(at) => shaders.remove(at),
-            None => Shader { parsed: Arc::new(Parsed::of(wgsl, precision)?), stages: [None, None] },
+            None => {
+                Shader { parsed: Arc::new(Parsed::of(wgsl, precision, additions)?), stages: [None, None] }
+            }
         };
         let parsed = shader.parsed.clone();
         shaders.push(shader);
@@ -66,9 +74,9 @@ impl Shelf {
         Ok(parsed)
     }
 
-    /// The stages of a program without additions, compiled now if they were not before.
+    /// The stages of a program whose additions bring none, compiled now if they were not before.
     pub(crate) fn stages(&self, gpu: &Gpu, program: &Program, strict: bool) -> Result<Arc<Stages>> {
-        let compile = || Stages::new(gpu, program, strict, &Additions::default()).map(Arc::new);
+        let compile = || Stages::new(gpu, program, strict, &ExtraBindings::default()).map(Arc::new);
         let mut shaders = self.lock();
         let shader = shaders.iter_mut().find(|shader| Arc::ptr_eq(&shader.parsed, &program.parsed));
         let Some(shader) = shader else { return compile() };

@@ -8,9 +8,9 @@ use crate::program::{Program, SecondMoments};
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// What a strategy adds to a device.
+/// The bindings and stages that additions have on a device beside the engine's own.
 #[derive(Debug)]
-pub(crate) struct Additions {
+pub(crate) struct ExtraBindings {
     /// Bindings of group 0 beside the program's. There is one group for each list; the plain list is empty.
     pub(crate) groups: Vec<Vec<(u32, wgpu::Buffer)>>,
     /// Entry points that the engine does not know.
@@ -27,9 +27,33 @@ pub(crate) struct AddedStage {
     pub(crate) at_once: bool,
 }
 
-impl Default for Additions {
+impl Default for ExtraBindings {
     fn default() -> Self {
-        Additions { groups: vec![Vec::new()], stages: Vec::new() }
+        ExtraBindings { groups: vec![Vec::new()], stages: Vec::new() }
+    }
+}
+
+impl ExtraBindings {
+    /// Some bindings in the one group.
+    pub(crate) fn of(bindings: impl IntoIterator<Item = (u32, wgpu::Buffer)>) -> Self {
+        ExtraBindings { groups: vec![bindings.into_iter().collect()], stages: Vec::new() }
+    }
+
+    /// Together with those of another addition: each group of one has the bindings of each group of the other.
+    pub(crate) fn with(self, other: ExtraBindings) -> Self {
+        let both = |one: &Vec<(u32, wgpu::Buffer)>| {
+            let one = one.clone();
+            other.groups.iter().map(move |two| [one.clone(), two.clone()].concat())
+        };
+        ExtraBindings {
+            groups: self.groups.iter().flat_map(both).collect(),
+            stages: [self.stages, other.stages].concat(),
+        }
+    }
+
+    /// True if there are none.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.stages.is_empty() && self.groups.iter().all(Vec::is_empty)
     }
 }
 
@@ -61,7 +85,7 @@ impl FirstStage {
 pub(crate) struct Stages {
     /// Follows new rays.
     trace_new: FirstStage,
-    /// Stages that a strategy has added, which follow new rays in place of `trace_new`.
+    /// Stages that an addition has brought, which follow new rays in place of `trace_new`.
     added: Vec<(AddedStage, OnceLock<FirstStage>)>,
     pub(super) compiler: Compiler,
     /// The stages for rays that outlive a dispatch, where there can be such rays.
@@ -106,13 +130,13 @@ impl Compiler {
 }
 
 impl Stages {
-    /// Compiles a program's own stages, and those that a strategy adds at once.
-    pub(crate) fn new(gpu: &Gpu, program: &Program, strict: bool, additions: &Additions) -> Result<Self> {
+    /// Compiles a program's own stages, and those that additions bring at once.
+    pub(crate) fn new(gpu: &Gpu, program: &Program, strict: bool, extra: &ExtraBindings) -> Result<Self> {
         let compiler = Compiler::new(gpu, program, strict)?;
         let has_queue = program.options.has_queue();
         let pipeline = |entry_point| compiler.pipeline(program, entry_point);
         // Compiling one takes lavapipe a tenth of a second and more.
-        let added_at_once: Vec<&AddedStage> = additions.stages.iter().filter(|stage| stage.at_once).collect();
+        let added_at_once: Vec<&AddedStage> = extra.stages.iter().filter(|stage| stage.at_once).collect();
         let others = || -> Result<_> {
             let added = added_at_once.iter().map(|stage| pipeline(&stage.entry_point));
             let added = added.collect::<Result<Vec<_>>>()?;
@@ -124,11 +148,11 @@ impl Stages {
             side_by_side(|| pipeline(program.entry_point()), has_others.then_some(others))?;
         let trace_new = FirstStage::new("trace_new", trace_new?);
         let (added_at_once, rounds) = others.transpose()?.unwrap_or_default();
-        let added = added_stages(&additions.stages, added_at_once);
+        let added = added_stages(&extra.stages, added_at_once);
         Ok(Stages { trace_new, added, compiler, rounds })
     }
 
-    /// The stage that follows rays from their birth: the plain one, or one that a strategy has added. An added stage is
+    /// The stage that follows rays from their birth: the plain one, or one that an addition has brought. An added stage is
     /// compiled now if it was not before.
     pub(super) fn first(&self, program: &Program, added: Option<usize>) -> Result<&FirstStage> {
         let Some((stage, compiled)) = added.and_then(|number| self.added.get(number)) else {
@@ -157,7 +181,7 @@ impl RoundStages {
     }
 }
 
-/// The stages that a strategy adds, with the compiled pipelines of those compiled at once.
+/// The stages that additions bring, with the compiled pipelines of those compiled at once.
 fn added_stages(
     stages: &[AddedStage],
     compiled: Vec<wgpu::ComputePipeline>,

@@ -10,7 +10,7 @@ use crate::result::{DetectorTally, FluxSum, RaySet, RaySpan, SurfaceTally, Tally
 #[derive(Debug, Default)]
 pub(crate) struct Undrained {
     pub(super) launched: FluxSum,
-    pub(super) rays: RaySet,
+    pub(crate) rays: RaySet,
     /// An upper bound of every counter.
     pub(crate) counts: u64,
     /// As many of these were spilled by the engine's device, and by the other one.

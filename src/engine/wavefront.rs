@@ -6,9 +6,9 @@
 //! checkpoints are callers of the loop. After each pass they may ask for the sums so far ([`Progress`]).
 
 use crate::engine::Engine;
+use crate::engine::addition::Additions;
 use crate::engine::drain::{discard, drain};
 use crate::engine::pace::Pace;
-use crate::engine::strategy::Strategy;
 use crate::error::Result;
 use crate::result::{Tally, check_shape};
 use std::time::{Duration, Instant};
@@ -17,42 +17,42 @@ use std::time::{Duration, Instant};
 /// progress, and stops the trace by returning false.
 pub(crate) fn trace<'a>(
     engine: &mut Engine<'a>,
-    strategy: &mut dyn Strategy,
+    additions: &mut Additions,
     begun: Tally,
     mut keep_going: impl FnMut(&mut Progress<'_, 'a>) -> Result<bool>,
 ) -> Result<Tally> {
     // What an earlier trace, which failed, left on the devices.
-    discard(engine, strategy)?;
+    discard(engine, additions)?;
     let mut at = engine.plan.position_after(&begun)?;
     check_shape(engine.ir, &begun)?;
     let (mut tally, num_rays) = (begun, engine.plan.num_rays);
-    engine.begin_paths(&mut tally)?;
-    let mut pass_rays = u64::from(strategy.range_rays(engine));
+    additions.begin(engine, &mut tally)?;
+    let mut pass_rays = u64::from(additions.range_rays(engine));
     let mut pace = Pace::default();
     let start = Instant::now();
     while at < num_rays {
         let end = engine.end_of_pass(at, pass_rays);
-        let time = trace_pass(engine, strategy, at, end)?;
+        let time = trace_pass(engine, additions, at, end)?;
         // The time of a pass in which a driver compiled says nothing about other passes.
         if !std::mem::take(&mut engine.is_compiling) {
             pace.note(end - at, time);
-            pass_rays = engine.next_pass_rays(strategy.range_rays(engine), end - at, time);
+            pass_rays = engine.next_pass_rays(additions.range_rays(engine), end - at, time);
         }
         at = end;
-        if engine.may_overflow(pass_rays) || engine.path_table_is_full() {
-            drain(engine, strategy, &mut tally)?;
+        if engine.may_overflow(pass_rays) || additions.is_full() {
+            drain(engine, additions, &mut tally)?;
         }
         let (done, elapsed) = (engine.plan.done(at), start.elapsed());
         let mut progress =
-            Progress { done, num_rays, elapsed, position: at, engine, strategy, tally: &mut tally };
+            Progress { done, num_rays, elapsed, position: at, engine, additions, tally: &mut tally };
         if !keep_going(&mut progress)? {
             break;
         }
-        strategy.look_ahead(engine, num_rays - at, pace.seconds_for(num_rays - at))?;
+        additions.look_ahead(engine, num_rays - at, pace.seconds_for(num_rays - at))?;
     }
-    drain(engine, strategy, &mut tally)?;
+    drain(engine, additions, &mut tally)?;
     if at >= num_rays {
-        engine.finish_paths(&mut tally)?;
+        additions.finish(engine, &mut tally)?;
     }
     if engine.plan.rays.len() > 1 {
         tally.sort_rows(engine.ir);
@@ -61,23 +61,23 @@ pub(crate) fn trace<'a>(
 }
 
 /// Traces from one position to another into the devices' sums, and returns the time taken.
-fn trace_pass(engine: &mut Engine, strategy: &mut dyn Strategy, first: u64, end: u64) -> Result<Duration> {
+fn trace_pass(engine: &mut Engine, additions: &mut Additions, first: u64, end: u64) -> Result<Duration> {
     let start = Instant::now();
     engine.idle_time = Duration::ZERO;
-    let ranges = engine.plan.ranges(first, end, strategy.range_rays(engine), engine.undrained.reached);
+    let ranges = engine.plan.ranges(first, end, additions.range_rays(engine), engine.undrained.reached);
     for range in &ranges {
-        strategy.trace(engine, range)?;
+        additions.trace(engine, range)?;
         engine.undrained.launch(&engine.plan, range);
         engine.rows.fetch(&engine.device, &engine.plan, range)?;
     }
-    if !strategy.keeps_busy() {
+    if !additions.keeps_busy() {
         engine.wait_for_pass(end - first, ranges.len(), start)?;
     }
     // Shaders need not mark primitives that are known to be reached. Drivers may cut long loops, which must not pass.
     if engine.undrained.should_ask_after_pass() {
-        engine.learn_reached(strategy)?;
-        engine.check_loops(strategy)?;
-        engine.check_paths()?;
+        engine.learn_reached(additions)?;
+        engine.check_loops(additions)?;
+        additions.after_pass(engine)?;
     }
     Ok(start.elapsed())
 }
@@ -92,7 +92,7 @@ pub struct Progress<'t, 'a> {
     pub elapsed: Duration,
     position: u64,
     engine: &'t mut Engine<'a>,
-    strategy: &'t mut dyn Strategy,
+    additions: &'t mut Additions,
     tally: &'t mut Tally,
 }
 
@@ -103,7 +103,7 @@ impl Progress<'_, '_> {
     /// [`crate::Error::Device`] if the device fails.
     pub fn tally(&mut self) -> Result<&Tally> {
         if self.engine.undrained.counts > 0 {
-            drain(self.engine, self.strategy, self.tally)?;
+            drain(self.engine, self.additions, self.tally)?;
         }
         Ok(self.tally)
     }

@@ -4,20 +4,19 @@ use crate::error::Result;
 use crate::model::Precision;
 use crate::model::surface_optics::{coating_pass, reflectance};
 use crate::model::{Detector, SceneIr, SourceFunction, Surface};
+use crate::program::addition::{ProgramAddition, ShaderAdditions};
 use crate::program::features::Features;
 use crate::program::geometry::{bvh, contact, mesh, tree};
 use crate::program::layout::kind_tables::Places;
-use crate::program::layout::paths::PathTableLayout;
 use crate::program::layout::reals::{StructLayout, put_real};
 use crate::program::layout::splitting::Splitting;
 use crate::program::layout::sums::SumBuffers;
 use crate::program::layout::tables::Cells;
 use crate::program::layout::{bindings, rng, tables};
-use crate::program::options::{PathSampling, PathSums, ProgramOptions, RayRange};
+use crate::program::options::{PathSampling, ProgramOptions, RayRange};
 use crate::program::parsed::Parsed;
 use crate::program::prepared::Prepared;
 use crate::program::wgsl::composition::Composition;
-use crate::program::wgsl::extension::{Extend, Extension, NoExtension};
 use glam::DVec3;
 use std::ops::Deref;
 use std::sync::Arc;
@@ -37,8 +36,8 @@ pub struct Program {
     pub cells: Cells,
     /// Where they lie on the device.
     pub sums: SumBuffers,
-    /// What was added to the plain module.
-    pub extension: Arc<dyn Extension>,
+    /// What additions give to the plain module.
+    pub additions: ShaderAdditions,
     /// The scene's centre: positions on the device are relative to it \[mm\].
     pub centre: DVec3,
     /// The random generator's table, which depends on the seed.
@@ -47,14 +46,12 @@ pub struct Program {
     pub buffers: Vec<(u32, Vec<u8>)>,
     /// Every ray has at all times the weight that all are born with: sums are counts of it.
     pub constant_weights: bool,
-    /// What the rows of the table of paths are, where there is one.
-    pub path_table: Option<PathTableLayout>,
     /// Largest number of rows for the host that one launched ray can make, its children's included.
     pub max_events_per_ray: u64,
     /// Per source, the uniform that a dispatch of its rays reads; none for a single source, which is compiled in.
     pub source_uniforms: Vec<Vec<u8>>,
-    /// The tangents of these uniforms: for each parameter the binding, and the contents by source.
-    pub source_tangents: Vec<(u32, Vec<Vec<u8>>)>,
+    /// The uniforms of additions that a dispatch reads: the binding, and the contents by source.
+    pub uploads: Vec<(u32, Vec<Vec<u8>>)>,
     /// The words of step 0 of the random generator's table.
     first_step: [u32; 4],
 }
@@ -79,37 +76,37 @@ impl Program {
     /// # Errors
     /// [`crate::Error::Usage`] if the precision cannot hold one of the scene's numbers.
     pub fn new(ir: &SceneIr, options: ProgramOptions, seed: u64) -> Result<Self> {
-        Self::extended(ir, options, &NoExtension, seed, |wgsl| wgsl)
+        Self::with(ir, options, &[], seed)
     }
 
-    /// As [`Program::new`], with an extension. `edit` changes the composed text: for tests that must notice a wrong shader.
+    /// As [`Program::new`], with additions.
     ///
     /// # Errors
     /// [`crate::Error::Usage`] if the precision cannot hold one of the scene's numbers.
-    pub fn extended(
+    pub fn with(
         ir: &SceneIr,
         options: ProgramOptions,
-        extend: &dyn Extend,
+        additions: &[&dyn ProgramAddition],
         seed: u64,
-        edit: impl FnOnce(String) -> String,
     ) -> Result<Self> {
-        let parse = |wgsl, precision| Parsed::of(wgsl, precision).map(Arc::new);
-        Self::parsed_by(ir, options, extend, seed, |wgsl, precision| parse(edit(wgsl), precision))
+        Self::parsed_by(ir, options, additions, seed, |wgsl, precision, additions| {
+            Parsed::of(wgsl, precision, additions).map(Arc::new)
+        })
     }
 
-    /// As [`Program::extended`]. `parse` gives the module of a text.
+    /// As [`Program::with`]. `parse` gives the module of a text.
     ///
     /// # Errors
     /// [`crate::Error::Usage`] if the precision cannot hold one of the scene's numbers.
     pub fn parsed_by(
         ir: &SceneIr,
         options: ProgramOptions,
-        extend: &dyn Extend,
+        additions: &[&dyn ProgramAddition],
         seed: u64,
-        parse: impl FnOnce(String, Precision) -> Result<Arc<Parsed>>,
+        parse: impl FnOnce(String, Precision, &ShaderAdditions) -> Result<Arc<Parsed>>,
     ) -> Result<Self> {
-        let scene = Prepared::of(ir, options)?;
-        let extension = extend.extension(&scene);
+        let scene = Prepared::of(ir, options, additions)?;
+        let additions = ShaderAdditions::of(additions, &scene);
         // Sums that follow from counts are none of the device's.
         let num_sums = if scene.constant_weights { 0 } else { scene.cells.num_sums };
         let sums = SumBuffers::of(
@@ -118,12 +115,10 @@ impl Program {
             scene.options.native,
             scene.options.part_bytes,
         )?;
-        let composition = Composition::of(&scene, &sums);
-        let parsed = parse(composition.compose(extension.as_ref())?, scene.options.precision)?;
+        let composition = Composition::of(&scene, &sums, &additions);
+        let parsed = parse(composition.compose()?, scene.options.precision, &additions)?;
         let numbers = composition.numbers.bytes(&parsed.module)?;
-        let Prepared { options, features, splitting, centre, cells, constant_weights, path_table, .. } =
-            scene;
-        let path_table = options.has_path_table().then_some(path_table);
+        let Prepared { options, features, splitting, centre, cells, constant_weights, .. } = scene;
         let mut program = Program {
             parsed,
             max_events_per_ray: max_events_per_ray(ir, &features, &options),
@@ -132,21 +127,18 @@ impl Program {
             splitting,
             cells,
             sums,
-            extension,
+            additions,
             centre,
             rng_table: Vec::new(),
             buffers: Vec::new(),
             constant_weights,
-            path_table,
             source_uniforms: Vec::new(),
-            source_tangents: Vec::new(),
+            uploads: Vec::new(),
             first_step: [0; 4],
         };
         program.set_seed(seed);
-        // Of a family whose paths are told, one ray is.
-        if program.options.path_sums != PathSums::Told {
-            program.max_events_per_ray *= program.most_rays();
-        }
+        program.max_events_per_ray *= program.most_rays();
+        program.max_events_per_ray += program.additions.rows_per_ray(program.options.max_depth);
         program.buffers = program.pack(ir, &scene.contacts, &scene.facets, scene.tree.as_ref())?;
         program.buffers.extend(numbers.map(|bytes| (bindings::NUMBERS, bytes)));
         program.buffers.extend(program.trees(&scene.forest, &scene.triangles, scene.tree.as_ref())?);
@@ -243,11 +235,8 @@ impl Program {
 
     /// The entry point that follows new rays.
     pub fn entry_point(&self) -> &'static str {
-        match (self.options.adjoints, self.features.splits) {
-            (true, _) => crate::program::rewrite::transpose::ENTRY_POINT,
-            (false, true) => "trace_split",
-            (false, false) => "trace_new",
-        }
+        let plain = if self.features.splits { "trace_split" } else { "trace_new" };
+        self.additions.entry_point().unwrap_or(plain)
     }
 
     /// Most rays that one launched ray can become.
@@ -332,7 +321,6 @@ fn max_events_per_ray(ir: &SceneIr, features: &Features, options: &ProgramOption
         0
     };
     // Birth, every event, death.
-    let is_told = options.paths != PathSampling::None || options.path_sums == PathSums::Told;
-    let path = if is_told { options.max_depth + 2 } else { 0 };
+    let path = if options.paths != PathSampling::None { options.max_depth + 2 } else { 0 };
     u64::from(recorded + path)
 }

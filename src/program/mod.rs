@@ -1,5 +1,6 @@
 //! From the flat scene to what the GPU runs: features, specialised WGSL and packed buffers.
 
+pub mod addition;
 mod composed;
 pub mod events;
 pub mod features;
@@ -20,6 +21,6 @@ pub use crate::program::layout::rng::Sampler;
 pub use crate::program::layout::splitting::Splitting;
 pub use crate::program::layout::tables::Cells;
 pub use crate::program::options::{
-    MAX_BAKED_PRIMITIVES, PathSampling, PathSums, ProgramOptions, RayRange, SecondMoments, TEXELS_PER_LINE,
+    MAX_BAKED_PRIMITIVES, PathSampling, ProgramOptions, RayRange, SecondMoments, TEXELS_PER_LINE,
 };
 pub use crate::program::prepared::centre_of;

@@ -1,12 +1,11 @@
 //! How a program is specialised, and which rays a dispatch of it traces.
 
-use crate::model::{PathFilter, Precision, SceneIr};
+use crate::model::{Precision, SceneIr};
 use crate::program::features::Features;
 use crate::program::layout::records::Records;
 use crate::program::layout::rng::Sampler;
 use crate::program::layout::tables;
 use glam::DVec3;
-use std::sync::Arc;
 
 /// Up to so many primitives the scene is compiled in; above, it lies in tables, and a tree finds the nearest. On lavapipe
 /// (Zen 3, both ways in turns) lenses in a row, whose boxes most rays cross, are traced as fast by the tree from some 45
@@ -31,27 +30,6 @@ pub enum PathSampling {
     /// All.
     All,
 }
-
-/// What becomes of the paths of all rays.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub enum PathSums {
-    /// Nothing.
-    #[default]
-    None,
-    /// Light is summed up by its path (shaders/paths/sums.totals.wgsl).
-    Totals,
-    /// Light of some paths is summed up in so many maps, and the places of all that has a slot
-    /// (shaders/paths/sums.maps.wgsl).
-    Maps(u32),
-    /// The host is told what happened to each ray (shaders/paths/sums.told.wgsl).
-    Told,
-}
-
-/// Most rays that an invocation walks back, one after the other, before it writes sums of adjoints. The number does not depend on
-/// the adapter, because the bits of the sums depend on it.
-const MOST_RAYS_WALKED_BACK: u64 = 64;
-/// Rounds of loops that an invocation is to make at most on its ways forward and back. Where a ray is lost, all are walked twice.
-const MOST_ROUNDS_WALKED_BACK: u64 = 1 << 14;
 
 /// How a program is specialised.
 #[derive(Debug, Clone, PartialEq)]
@@ -82,12 +60,6 @@ pub struct ProgramOptions {
     pub vector_lanes: u32,
     /// Which paths are recorded.
     pub paths: PathSampling,
-    /// What becomes of the paths of all rays.
-    pub path_sums: PathSums,
-    /// The ends of rays that no detector records have rows in the table of paths, too.
-    pub path_ends: bool,
-    /// Light whose path does not match is on no map.
-    pub path_filter: Option<Arc<PathFilter>>,
     /// The weight that each source's rays are born with.
     pub weights: Vec<f64>,
     /// What the draws are.
@@ -98,10 +70,14 @@ pub struct ProgramOptions {
     pub part_bytes: u64,
     /// The numbers of the scene lie in a table, so that scenes of one shape have the same text.
     pub live: bool,
-    /// Parameters by which the detectors' sums are differentiated.
-    pub tangents: u32,
-    /// Rays are walked back, so that a loss is differentiated by all numbers.
-    pub adjoints: bool,
+    /// An invocation begins by copying the table of live numbers: for additions that read all of them at every event.
+    pub copies_numbers: bool,
+    /// Rays that an invocation follows, where an addition fixes their number.
+    pub fixed_rays_per_invocation: Option<u32>,
+    /// The loops of an addition may make more rounds than some driver allows.
+    pub has_long_loops: bool,
+    /// Rays on the wrong side of a face are counted, where media border on each other.
+    pub counts_wrong_sides: bool,
 }
 
 /// What the device sums beside the first moments, so that results tell their errors.
@@ -167,27 +143,7 @@ impl ProgramOptions {
 
     /// True if the records of surfaces and detectors are compiled in.
     pub fn bakes_records(&self) -> bool {
-        self.baked && (!self.live || self.copies_numbers())
-    }
-
-    /// True if an invocation begins by copying the table of live numbers. Derivatives read all of them at every event.
-    pub fn copies_numbers(&self) -> bool {
-        self.has_derivatives()
-    }
-
-    /// Rays that an invocation walks back, one after the other: fewer where loops make many rounds. A Gaussian splat is gone over
-    /// five times on the way back (program::rewrite::transpose::loops).
-    fn rays_walked_back(&self, features: &Features) -> u32 {
-        let side = 2 * u64::from(features.splat_radius) + 1;
-        let rounds_of_splat = side.saturating_mul(5 * (side + 2));
-        let rounds_of_search = if features.has_sags() { 512 } else { 0 };
-        let rounds = rounds_of_splat.saturating_add(u64::from(2 * self.max_depth + rounds_of_search));
-        (MOST_ROUNDS_WALKED_BACK / rounds).clamp(1, MOST_RAYS_WALKED_BACK) as u32
-    }
-
-    /// True if derivatives are traced.
-    pub fn has_derivatives(&self) -> bool {
-        self.tangents > 0 || self.adjoints
+        self.baked && (!self.live || self.copies_numbers)
     }
 
     /// True if media are compiled in, where shaders read them: few rows are sooner chosen from than read from a table in
@@ -207,15 +163,15 @@ impl ProgramOptions {
             || gaussian
             || features.transmissive && self.moments == SecondMoments::Squares
             || self.events_per_dispatch > FEW_EVENTS
-            || self.adjoints
+            || self.has_long_loops
     }
 
     /// Rays that an invocation of trace_new follows, one after the other: the atomics of its bins then cost little. One where
     /// rays outlive a dispatch, and where the loops of many could make too many rounds; so one, too, where an invocation
     /// remembers a ray's visits (shaders/sums/visits.on.wgsl).
     pub fn rays_per_invocation(&self, features: &Features) -> u32 {
-        if self.adjoints {
-            return self.rays_walked_back(features);
+        if let Some(fixed) = self.fixed_rays_per_invocation {
+            return fixed;
         }
         if self.has_queue() || self.has_many_rounds(features) {
             return 1;
@@ -223,19 +179,9 @@ impl ProgramOptions {
         (FEW_EVENTS / self.events_per_dispatch).clamp(1, self.most_rays_per_invocation.max(1))
     }
 
-    /// True if the paths of rays are followed, for their sums or for a filter.
-    pub fn follows_paths(&self) -> bool {
-        self.path_sums != PathSums::None || self.path_filter.is_some()
-    }
-
-    /// True if there is a table of paths.
-    pub fn has_path_table(&self) -> bool {
-        matches!(self.path_sums, PathSums::Totals | PathSums::Maps(_))
-    }
-
-    /// True if rows go to the host: rays of a database, or events of paths.
+    /// True if the plain loop sends rows to the host: rays of a database, or events of recorded paths.
     pub fn has_events(&self, features: &Features) -> bool {
-        features.stores_rays() || self.paths != PathSampling::None || self.path_sums == PathSums::Told
+        features.stores_rays() || self.paths != PathSampling::None
     }
 }
 

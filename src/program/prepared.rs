@@ -3,14 +3,14 @@
 use crate::error::Result;
 use crate::model::primitives::primitives;
 use crate::model::{SceneIr, ray_id};
+use crate::program::addition::ProgramAddition;
 use crate::program::features::Features;
 use crate::program::geometry::contact::Contacts;
 use crate::program::geometry::{bvh, mesh, tree};
 use crate::program::layout::kind_tables::Places;
-use crate::program::layout::paths::PathTableLayout;
 use crate::program::layout::splitting::Splitting;
 use crate::program::layout::tables::{Cells, FacetTable};
-use crate::program::options::{PathSums, ProgramOptions, SecondMoments};
+use crate::program::options::{ProgramOptions, SecondMoments};
 use glam::DVec3;
 
 /// What compositions and their extensions are made from.
@@ -42,8 +42,6 @@ pub struct Prepared<'a> {
     pub tree: Option<tree::PrimitiveTree>,
     /// Every ray has at all times the weight that all are born with.
     pub constant_weights: bool,
-    /// What the rows of the table of paths are.
-    pub path_table: PathTableLayout,
 }
 
 impl<'a> Prepared<'a> {
@@ -51,29 +49,24 @@ impl<'a> Prepared<'a> {
     ///
     /// # Errors
     /// [`crate::Error::Usage`] if there are too many cells to number, or the precision cannot hold one of the scene's numbers.
-    pub fn of(ir: &'a SceneIr, mut options: ProgramOptions) -> Result<Self> {
+    pub fn of(
+        ir: &'a SceneIr,
+        mut options: ProgramOptions,
+        additions: &[&dyn ProgramAddition],
+    ) -> Result<Self> {
         let features = Features::of(ir, &options.weights, options.roulette_threshold, options.max_depth);
         let splitting = features.splits.then(|| Splitting::of(&ir.sampling));
         if splitting.is_some() {
             // A family waits in registers, and so stays with its invocation to its end.
             options.events_per_dispatch = options.max_depth;
         }
-        // Such traces give maps without errors, or none. Scrambles belong to the draws, and stay.
-        let is_second = matches!(options.path_sums, PathSums::Maps(_) | PathSums::Told);
-        if is_second && options.moments == SecondMoments::Squares {
-            options.moments = SecondMoments::None;
-        }
+        additions.iter().for_each(|addition| addition.prepare(&features, &mut options));
         let centre = centre_of(ir);
-        let cells = match options.path_filter {
-            None => Cells::of(ir),
-            Some(_) => Cells::of(ir).with_filtered(),
-        };
-        let cells = match (options.path_sums, options.moments) {
-            _ if options.tangents > 0 => cells.with_tangents(options.tangents)?,
-            (PathSums::Maps(num), _) => cells.with_replicates(num)?,
-            (_, SecondMoments::None) => cells,
-            (_, SecondMoments::Squares) => cells.with_moments(ir)?,
-            (_, SecondMoments::Replicates) => cells.with_replicates(ray_id::NUM_REPLICATES)?,
+        let cells = additions.iter().try_fold(Cells::of(ir), |cells, addition| addition.cells(cells))?;
+        let cells = match options.moments {
+            SecondMoments::None => cells,
+            SecondMoments::Squares => cells.with_moments(ir)?,
+            SecondMoments::Replicates => cells.with_replicates(ray_id::NUM_REPLICATES)?,
         };
         let has_tree = !options.tree_primitives(ir).is_empty();
         // Of meshes that no surface has nothing is searched.
@@ -91,18 +84,11 @@ impl<'a> Prepared<'a> {
             tree
         });
         // Squares are sums that no count tells.
-        let constant_weights = !options.has_derivatives()
+        let constant_weights = !additions.iter().any(|addition| addition.sums_weights())
             && features.whole_weights
             && options.moments != SecondMoments::Squares
             && options.weights.iter().all(|weight| *weight == options.weights[0]);
-        let path_table = match options.path_sums {
-            PathSums::Maps(_) => PathTableLayout::of_maps(ir, options.path_ends),
-            PathSums::None | PathSums::Totals | PathSums::Told => {
-                PathTableLayout::of_totals(ir, options.path_ends, constant_weights)
-            }
-        };
         Ok(Prepared {
-            path_table,
             ir,
             places: Places::of(ir),
             options,

@@ -14,7 +14,7 @@ use crate::model::SceneIr;
 use crate::placing;
 use crate::result::output::{REPORT, SUMS_MAGIC, TALLY, holds_sums};
 use crate::result::{DetectorTally, Tally, integrity};
-use crate::run::{RecordPaths, TraceOptions};
+use crate::run::{Collect, RecordPaths, TraceOptions};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
 use std::fs;
@@ -95,10 +95,10 @@ impl Identity {
             precision: options.precision.name().into(),
             sampler: options.sampler.name().into(),
             paths: format!("{:?}", options.paths),
-            path_table: match (options.path_table, options.path_ends) {
-                (false, _) => "none".into(),
-                (true, false) => format!("{} rows", options.path_rows),
-                (true, true) => format!("{} rows with all ends", options.path_rows),
+            path_table: match options.collect {
+                Collect::Paths { rows, ends: false } => format!("{rows} rows"),
+                Collect::Paths { rows, ends: true } => format!("{rows} rows with all ends"),
+                _ => "none".into(),
             },
             path_filter: options.path_filter.as_ref().map_or("none".into(), |filter| filter.text.clone()),
             standard_error: format!("{:?}", options.standard_error).to_lowercase(),

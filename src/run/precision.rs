@@ -15,7 +15,7 @@ use crate::model::shapes::Level;
 use crate::model::{Detector, Frame, Interaction, Sampling, SceneIr, Surface};
 use crate::program::{Precision, centre_of};
 use crate::result::{PathEvent, PathEventKind, RayRow, Tally};
-use crate::run::{RecordPaths, StandardError, TraceOptions, Tracer};
+use crate::run::{Collect, RecordPaths, StandardError, TraceOptions, Tracer};
 use glam::{DMat3, DVec3};
 use std::collections::HashSet;
 
@@ -217,7 +217,7 @@ fn predict_by(
     let is_filtered = options.path_filter.is_some();
     let num_rays = if is_filtered { FILTERED_PILOT_RAYS } else { PILOT_RAYS };
     let pilot = TraceOptions {
-        path_table: false,
+        collect: Collect::Light,
         num_rays: options.num_rays.min(num_rays),
         max_depth: options.max_depth.min(PILOT_DEPTH),
         precision: Precision::F32,

@@ -1,15 +1,15 @@
 //! A scene ready to trace: the face of the engine ([`crate::engine::wavefront`]).
 //!
-//! [`Tracer`] picks a strategy that suits the adapter, or the plain way. All give the same bits.
+//! [`Tracer`] holds the plain loop with what its options ask for, and with what pays on the adapter ([`additions`]).
 
 #[cfg(feature = "cpu")]
 use crate::cpu::{Choices, Cpu};
+use crate::engine::addition::Additions;
 use crate::engine::limits::num_rounds;
 use crate::engine::options::TraceOptions;
 use crate::engine::prepare::{prepare, prepare_on_shelf};
 use crate::engine::rounds::MOST_IN_GROUP;
 use crate::engine::shelf::Shelf;
-use crate::engine::strategy::{Plain, Strategy};
 use crate::engine::undrained::empty_tally;
 use crate::engine::wavefront::Progress;
 use crate::engine::{Engine, wavefront};
@@ -17,8 +17,10 @@ use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::gpu::profile::Profile;
 use crate::model::{SceneIr, Sequence};
+use crate::paths::Paths;
 use crate::program::Program;
 use crate::result::{Recorded, Recording, StageTime, Tally};
+use crate::run::additions;
 use glam::DVec3;
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
@@ -26,16 +28,7 @@ use std::time::{Duration, Instant};
 /// A scene ready to trace on a device.
 pub struct Tracer<'a> {
     engine: Engine<'a>,
-    strategy: Box<dyn Strategy>,
-}
-
-/// The strategy that suits the adapter, if it takes the scene; else the plain one.
-#[cfg(feature = "cpu")]
-fn strategy(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions, choices: &Choices) -> Box<dyn Strategy> {
-    match Cpu::for_adapter(gpu, choices) {
-        Some(cpu) if cpu.takes(ir, options) => Box::new(cpu),
-        Some(_) | None => Box::new(Plain),
-    }
+    additions: Additions,
 }
 
 impl<'a> Tracer<'a> {
@@ -46,10 +39,10 @@ impl<'a> Tracer<'a> {
     /// if the scene does not fit the device.
     pub fn new(gpu: &'a Gpu, ir: &'a SceneIr, options: &TraceOptions) -> Result<Self> {
         #[cfg(feature = "cpu")]
-        let strategy = strategy(gpu, ir, options, &Choices::default());
+        let additions = additions::for_adapter(gpu, options, &Choices::default());
         #[cfg(not(feature = "cpu"))]
-        let strategy = Box::new(Plain);
-        Self::with_strategy(gpu, ir, options, strategy, |wgsl| wgsl)
+        let additions = additions::of_options(options);
+        Self::with(gpu, ir, options, additions, |wgsl| wgsl)
     }
 
     /// As [`Tracer::new`], in the plain way, with the shaders of a shelf: with [`TraceOptions::live`], scenes of one shape
@@ -58,13 +51,14 @@ impl<'a> Tracer<'a> {
     /// # Errors
     /// As [`Tracer::new`].
     pub fn on_shelf(gpu: &'a Gpu, ir: &'a SceneIr, options: &TraceOptions, shelf: &Shelf) -> Result<Self> {
-        Ok(Tracer { engine: prepare_on_shelf(gpu, ir, options, shelf)?, strategy: Box::new(Plain) })
+        let mut additions = additions::of_options(options);
+        Ok(Tracer { engine: prepare_on_shelf(gpu, ir, options, &mut additions, shelf)?, additions })
     }
 
     /// As [`Tracer::new`], in the plain way on every adapter: for measurements.
     #[doc(hidden)]
     pub fn plain(gpu: &'a Gpu, ir: &'a SceneIr, options: &TraceOptions) -> Result<Self> {
-        Self::with_strategy(gpu, ir, options, Box::new(Plain), |wgsl| wgsl)
+        Self::with(gpu, ir, options, additions::of_options(options), |wgsl| wgsl)
     }
 
     /// As [`Tracer::plain`]. `edit` changes the composed text: for tests that plant an error in a shader.
@@ -74,22 +68,23 @@ impl<'a> Tracer<'a> {
         options: &TraceOptions,
         edit: impl FnOnce(String) -> String,
     ) -> Result<Self> {
-        Self::with_strategy(gpu, ir, options, Box::new(Plain), edit)
+        Self::with(gpu, ir, options, additions::of_options(options), edit)
     }
 
-    fn with_strategy(
+    /// With these additions. `edit` changes the composed text.
+    pub(crate) fn with(
         gpu: &'a Gpu,
         ir: &'a SceneIr,
         options: &TraceOptions,
-        mut strategy: Box<dyn Strategy>,
+        mut additions: Additions,
         edit: impl FnOnce(String) -> String,
     ) -> Result<Self> {
-        let engine = prepare(gpu, ir, options, strategy.as_mut(), edit)?;
-        Ok(Tracer { engine, strategy })
+        let engine = prepare(gpu, ir, options, &mut additions, edit)?;
+        Ok(Tracer { engine, additions })
     }
 
     /// As [`Tracer::new`], for tests. `edit` changes the composed text, so that a test can plant an error in a shader.
-    /// `choices` sets what the software wing does, even where that does not pay.
+    /// `choices` sets what the CPU backend does, even where that does not pay.
     #[cfg(feature = "cpu")]
     #[doc(hidden)]
     pub fn with_choices(
@@ -99,7 +94,7 @@ impl<'a> Tracer<'a> {
         choices: &Choices,
         edit: impl FnOnce(String) -> String,
     ) -> Result<Self> {
-        Self::with_strategy(gpu, ir, options, strategy(gpu, ir, options, choices), edit)
+        Self::with(gpu, ir, options, additions::for_adapter(gpu, options, choices), edit)
     }
 
     /// The composed program.
@@ -110,7 +105,7 @@ impl<'a> Tracer<'a> {
     /// The number of devices that trace.
     #[doc(hidden)]
     pub fn num_devices(&self) -> usize {
-        1 + self.strategy.devices().len()
+        1 + self.additions.devices().count()
     }
 
     /// The number of submissions, over all traces.
@@ -121,14 +116,15 @@ impl<'a> Tracer<'a> {
 
     /// How many rays of the last trace were traced along the main path, and how many of them it rejected. The same for
     /// each side path follows.
+    #[cfg(feature = "cpu")]
     #[doc(hidden)]
     pub fn num_along_paths(&self) -> Vec<[u64; 2]> {
-        self.strategy.num_along_paths()
+        self.additions.get::<Cpu>().map(Cpu::num_along_paths).unwrap_or_default()
     }
 
     /// Sets the seed of the draws from now on. Nothing is compiled anew.
     pub fn set_seed(&mut self, seed: u64) {
-        self.engine.set_seed(self.strategy.devices(), seed);
+        self.engine.set_seed(&mut self.additions, seed);
     }
 
     /// Sets how long passes should take from now on. A pass has at least one dispatch, whose rays then also take no
@@ -151,7 +147,7 @@ impl<'a> Tracer<'a> {
         let num_rounds = num_rounds(&self.engine.plan.program).min(MOST_IN_GROUP);
         let num_stages = 2 * num_rounds as u64;
         self.engine.profile = Some(Profile::new(self.engine.gpu, num_stages)?);
-        self.strategy.keep_one_device();
+        self.additions.keep_one_device();
         Ok(())
     }
 
@@ -213,7 +209,7 @@ impl<'a> Tracer<'a> {
         begun: Tally,
         keep_going: impl FnMut(&mut Progress<'_, 'a>) -> Result<bool>,
     ) -> Result<Tally> {
-        wavefront::trace(&mut self.engine, self.strategy.as_mut(), begun, keep_going)
+        wavefront::trace(&mut self.engine, &mut self.additions, begun, keep_going)
     }
 
     /// The number of rays of the whole trace.
@@ -237,7 +233,7 @@ impl<'a> Tracer<'a> {
 
     /// Where some ray came to the end of each path that this tracer found, in the scene's frame \[mm\].
     pub fn found_paths(&self) -> HashMap<&Sequence, DVec3> {
-        self.engine.found_paths()
+        self.additions.get::<Paths>().map(Paths::found).unwrap_or_default()
     }
 
     /// A tally without rays, in the scene's shape.

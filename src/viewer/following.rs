@@ -5,13 +5,13 @@ use crate::gpu::Gpu;
 use crate::model::shapes::Outline;
 use crate::model::surface_optics::splits;
 use crate::model::{DetectorKind, PathFilter, RayDatabase, SceneIr, Sequence, ray_id};
+use crate::paths::rows::{PathMap, TableOptions, flux_unit, table_with_maps};
 use crate::result::{
     DetectorTally, FluxSum, FluxUnit, Grouping, PathColumns, PathEvent, PathTable, RayPaths, RowWriter,
     Sorting, Tally,
 };
-use crate::run::paths::{PathMap, TableOptions, flux_unit, table_with_maps};
 use crate::run::stopping::Stopping;
-use crate::run::{RecordPaths, StandardError, Strict, TraceOptions, Tracer};
+use crate::run::{Collect, RecordPaths, StandardError, Strict, TraceOptions, Tracer};
 use crate::viewer::tracing::{Background, Device, LoadedScene, Notify, PASS_TIME, RunOptions, trace_options};
 use glam::DVec3;
 use std::collections::HashMap;
@@ -117,7 +117,7 @@ pub(crate) fn follow(
 ) -> Result<Followed> {
     let (gpu, ir) = (device.open()?, &scene.ir);
     let (options, _) = trace_options(run, &gpu, ir)?;
-    let options = TraceOptions { path_table: true, ..options };
+    let options = TraceOptions { collect: Collect::paths(), ..options };
     let mut tracer = Tracer::new(&gpu, ir, &options)?;
     tracer.set_pass_time(PASS_TIME);
     let mut stopping = Stopping::new(ir, run.target_error, run.time_limit);
@@ -258,7 +258,7 @@ pub(crate) fn find_rays(
     let (gpu, scene) = (device.open()?, &followed.scene);
     let ir = with_ray_database(&scene.ir, detector)?;
     let options = TraceOptions {
-        path_table: false,
+        collect: Collect::Light,
         paths: RecordPaths::All,
         standard_error: StandardError::Off,
         strict: if followed.options.is_strict(&gpu.info) { Strict::On } else { Strict::Auto },

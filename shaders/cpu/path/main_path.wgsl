@@ -31,7 +31,7 @@ fn end_stage() {
     notice_cut_loops();
 }
 
-fn begin_ray() {
+fn begin_on_path() {
     keep_bins();
     begin_path();
     kept_events = 0u;

@@ -57,7 +57,7 @@ fn keep_arrival(number: u32, ray: Ray, place: vec2<real>) {
 
 fn begin_path() {}
 
-fn end_path(ray: Ray, holds: bool) {
+fn end_on_path(ray: Ray, holds: bool) {
     if !holds {
         restore_bins();
     }

@@ -25,7 +25,7 @@ fn begin_path() {
     go_on_after_passes(0u);
 }
 
-fn end_path(ray: Ray, holds: bool) {
+fn end_on_path(ray: Ray, holds: bool) {
     if holds {
         settle(ray);
     } else {

@@ -4,9 +4,9 @@
 use crate::cpu::When;
 use crate::cpu::path::main_path::{MAX_EVENTS, PilotPath, Way, is_possible};
 use crate::cpu::path::pays::{LEAST_SHARE, is_long_enough};
+use crate::engine::addition::Additions;
 use crate::engine::options::{RecordPaths, StandardError, TraceOptions};
 use crate::engine::prepare::prepare;
-use crate::engine::strategy::Plain;
 use crate::engine::undrained::empty_tally;
 use crate::engine::wavefront;
 use crate::error::{Error, Result};
@@ -46,8 +46,7 @@ pub(crate) fn find(
     let pays = main_path.holds(|| is_long_enough(options.num_rays));
     // Two forms of one scene must give the same bits.
     let is_alike = options.strict.holds(&gpu.info);
-    // The stages of main paths do not follow what light is summed up or filtered by.
-    if !(pays && is_alike && is_possible(ir, program_options)) || program_options.follows_paths() {
+    if !(pays && is_alike && is_possible(ir, program_options)) {
         return Ok(None);
     }
     let pilot = TraceOptions {
@@ -71,8 +70,9 @@ pub(crate) fn find(
 
 /// Traces the pilot's rays, in the plain way.
 fn fly(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Result<Tally> {
-    let mut engine = prepare(gpu, ir, options, &mut Plain, |wgsl| wgsl)?;
-    wavefront::trace(&mut engine, &mut Plain, empty_tally(ir), |_| Ok(true))
+    let mut plain = Additions::default();
+    let mut engine = prepare(gpu, ir, options, &mut plain, |wgsl| wgsl)?;
+    wavefront::trace(&mut engine, &mut plain, empty_tally(ir), |_| Ok(true))
 }
 
 /// How a pilot's ray came to its end.

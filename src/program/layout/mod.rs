@@ -5,7 +5,6 @@ pub mod bsdf;
 pub mod coating;
 pub mod kind_tables;
 pub mod numbers;
-pub mod paths;
 pub mod reals;
 pub mod records;
 pub mod rng;

@@ -2,7 +2,6 @@
 
 use crate::model::surface_optics::lossy_mirrors;
 use crate::program::wgsl::composition::Composition;
-use crate::program::wgsl::extension::Extension;
 use std::fmt::Write;
 
 /// A bin: its cell as WGSL has it, and whether it sums weight or only counts rays.
@@ -13,15 +12,15 @@ struct Bin {
 
 impl Composition<'_> {
     /// The variables of the bins, with functions that add to them (`add_to_bin`) and send them to memory
-    /// (`flush_bins`). If the extension wants it, two more functions take back what a ray has put into them
+    /// (`plain_flush_bins`). If an addition wants it, two more functions take back what a ray has put into them
     /// (`keep_bins`, `restore_bins`).
-    pub(super) fn bins(&self, extension: &dyn Extension) -> String {
+    pub(super) fn bins(&self) -> String {
         let mut variables = String::new();
         let mut add = String::from("fn add_to_bin(cell: u32, q: Quanta) {\n");
-        let mut flush = String::from("fn flush_bins() {\n");
+        let mut flush = String::from("fn plain_flush_bins() {\n");
         let mut keep = String::from("fn keep_bins() {\n");
         let mut restore = String::from("fn restore_bins() {\n");
-        let restores = extension.restores_bins();
+        let restores = self.additions.any(|addition| addition.restores_bins());
         let mut register = |name: String, kind: &str, zero: &str| {
             let _ = writeln!(variables, "var<private> {name}: {kind} = {zero};");
             if restores {
@@ -30,7 +29,7 @@ impl Composition<'_> {
             let _ = writeln!(keep, "    kept_{name} = {name};");
             let _ = writeln!(restore, "    {name} = kept_{name};");
         };
-        for (i, Bin { cell, has_quanta }) in self.bins_in_registers(extension).iter().enumerate() {
+        for (i, Bin { cell, has_quanta }) in self.bins_in_registers().iter().enumerate() {
             register(format!("bin_{i}_events"), "u32", "0u");
             let _ = writeln!(add, "    if cell == {cell} {{\n        bin_{i}_events += 1u;");
             if *has_quanta {
@@ -52,9 +51,9 @@ impl Composition<'_> {
         text
     }
 
-    /// The bins that rays of this scene can meet. Mirrors in a table deposit in memory, except those that the extension
+    /// The bins that rays of this scene can meet. Mirrors in a table deposit in memory, except those that an addition
     /// wants in registers.
-    fn bins_in_registers(&self, extension: &dyn Extension) -> Vec<Bin> {
+    fn bins_in_registers(&self) -> Vec<Bin> {
         let f = &self.features;
         let scatters = !f.bsdfs.is_empty();
         let of_ledger = [
@@ -70,7 +69,9 @@ impl Composition<'_> {
         let of_ledger = of_ledger.into_iter().filter(|(present, ..)| *present);
         let of_ledger = of_ledger.map(|(_, cell, has_quanta)| Bin { cell: cell.into(), has_quanta });
         let mirrors = lossy_mirrors(self.ir)
-            .filter(|&i| self.options.baked || extension.keeps_bin_of(i as usize))
+            .filter(|&i| {
+                self.options.baked || self.additions.any(|addition| addition.keeps_bin_of(i as usize))
+            })
             .map(|i| Bin { cell: format!("{}u", self.cells.surfaces + i), has_quanta: true });
         of_ledger.chain(mirrors).collect()
     }

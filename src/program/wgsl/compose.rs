@@ -5,7 +5,6 @@ use crate::error::Result;
 use crate::model::Precision;
 use crate::program::layout::bindings;
 use crate::program::wgsl::composition::Composition;
-use crate::program::wgsl::extension::Extension;
 use crate::program::wgsl::library::{self, Integers, Real};
 use crate::program::wgsl::text::Text;
 use crate::shaders::shader;
@@ -18,25 +17,17 @@ pub fn advance() -> String {
 impl Composition<'_> {
     /// The whole module: the bindings, the library, the constants, the files that the scene needs (`variants`), and the
     /// text written for this scene. Above each part, a comment names the file, or the module that composes the part.
-    pub fn compose(&self, extension: &dyn Extension) -> Result<String> {
+    pub fn compose(&self) -> Result<String> {
         let mut text = Text::default();
         library::add(&mut text, self.real_type(), self.integers(), self.options.sampler);
-        text.composed("program::wgsl::constants", &self.constants(extension)?);
-        text.files(self.files(extension));
-        if self.features.has_own_normals() {
-            // The function for all shapes (`dispatch`) calls it under this name, and is declared later.
-            text.rename("fn quadric_normal(", "fn normal_of_quadric(");
-        }
-        text.composed("program::wgsl::variants", &self.drawn_branch());
+        text.composed("program::wgsl::constants", &self.constants()?);
+        text.files(self.files());
         text.composed("program::wgsl::rows", &self.rows()?);
         text.composed("program::wgsl::search", &self.nearest_primitive()?);
         text.composed("program::wgsl::trees", &self.waiting());
-        extension.add(self, &mut text)?;
-        text.composed("program::wgsl::bins", &self.bins(extension));
+        self.additions.all().try_for_each(|addition| addition.add(self, &mut text))?;
+        text.composed("program::wgsl::bins", &self.bins());
         text.composed("program::wgsl::dispatch", &self.dispatch()?);
-        self.look_for_wrong_sides(extension, &mut text);
-        self.follow_paths(&mut text);
-        self.tell_derivatives(&mut text)?;
         text.composed("program::layout::numbers", &self.numbers.declaration());
         self.sums.cut(bindings::declared(&text.into_string()))
     }

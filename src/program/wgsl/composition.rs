@@ -2,6 +2,7 @@
 
 use crate::error::Result;
 use crate::model::Precision;
+use crate::program::addition::ShaderAdditions;
 use crate::program::layout::numbers::Numbers;
 use crate::program::layout::sums::SumBuffers;
 use crate::program::prepared::Prepared;
@@ -13,6 +14,8 @@ pub struct Composition<'a> {
     scene: &'a Prepared<'a>,
     /// The buffers that the cells lie in.
     pub sums: &'a SumBuffers,
+    /// What additions give to the module.
+    pub additions: &'a ShaderAdditions,
     /// The numbers of the scene that the text has so far.
     pub numbers: Numbers,
 }
@@ -27,12 +30,12 @@ impl<'a> Deref for Composition<'a> {
 
 impl<'a> Composition<'a> {
     /// The composition of a scene whose sums lie in these buffers.
-    pub fn of(scene: &'a Prepared<'a>, sums: &'a SumBuffers) -> Self {
+    pub fn of(scene: &'a Prepared<'a>, sums: &'a SumBuffers, additions: &'a ShaderAdditions) -> Self {
         let numbers = {
             let options = &scene.options;
-            Numbers::new(options.precision, options.live, options.copies_numbers())
+            Numbers::new(options.precision, options.live, options.copies_numbers)
         };
-        Composition { scene, sums, numbers }
+        Composition { scene, sums, additions, numbers }
     }
 
     /// The precision of the physics.

@@ -8,7 +8,6 @@ use crate::program::layout::splitting::Splitting;
 use crate::program::layout::tables::LEDGER_CELLS;
 use crate::program::options::{PathSampling, TEXELS_PER_LINE};
 use crate::program::wgsl::composition::Composition;
-use crate::program::wgsl::extension::Extension;
 use std::fmt::{Display, Write};
 
 /// Most detectors that have their own sum of forgotten visits (shaders/sums/visits.on.wgsl). An invocation keeps these
@@ -47,13 +46,13 @@ impl Constants {
 
 impl Composition<'_> {
     /// All constants.
-    pub(super) fn constants(&self, extension: &dyn Extension) -> Result<String> {
+    pub(super) fn constants(&self) -> Result<String> {
         let mut constants = Constants::default();
         self.sizes(&mut constants);
         self.places_of_trees(&mut constants);
         self.numbers_of_cells(&mut constants);
         self.sizes_of_families(&mut constants);
-        self.questions(&mut constants, extension);
+        self.questions(&mut constants);
         self.tolerances(&mut constants)?;
         Ok(constants.0)
     }
@@ -107,6 +106,10 @@ impl Composition<'_> {
         }
         constants.uint("CELL_SURFACES", self.cells.surfaces);
         constants.uint("COUNTER_REACHED", self.cells.reached);
+        if let Some(first) = self.wrong_sides() {
+            constants.uint("COUNTER_ENTERED_TWICE", first);
+            constants.uint("COUNTER_ENDED_INSIDE", first + self.ir.surfaces.len() as u32);
+        }
         if let Some(moments) = &self.cells.moments {
             constants.uint("SQUARES_OFFSET", moments.squares_offset);
             constants.uint("CELL_LARGE_SQUARES", moments.large_squares);
@@ -134,7 +137,7 @@ impl Composition<'_> {
     }
 
     /// Properties that some scenes have and others lack.
-    fn questions(&self, constants: &mut Constants, extension: &dyn Extension) {
+    fn questions(&self, constants: &mut Constants) {
         let (features, options) = (&self.features, &self.options);
         let [hard, bilinear, gaussian] = features.splats;
         let has_totals = self.cells.moments.as_ref().is_some_and(|moments| moments.totals.is_some());
@@ -146,7 +149,7 @@ impl Composition<'_> {
         constants.bool("HAS_TRANSMISSIVE", features.transmissive);
         constants.bool("HAS_TRANSMISSIVE_LOBES", features.transmissive_lobes);
         constants.bool("HAS_QUEUE", options.has_queue());
-        constants.bool("LOGS_PASSES", extension.logs_passes());
+        constants.bool("LOGS_PASSES", self.additions.any(|addition| addition.logs_passes()));
         constants.bool("HAS_TOTALS", has_totals);
         constants.bool("UNIT_GRADIENTS", features.unit_gradients);
         constants.bool("RECORD_ALL_PATHS", options.paths == PathSampling::All);
@@ -189,6 +192,11 @@ impl Composition<'_> {
             lengths.push(("EDGE_SLACK", mesh::edge_slack(self.ir, self.centre)));
         }
         lengths
+    }
+
+    /// The first counter of rays on wrong sides, where they are counted.
+    pub fn wrong_sides(&self) -> Option<u32> {
+        self.cells.wrong_sides.filter(|_| self.options.counts_wrong_sides)
     }
 
     /// True if weights must be cut before a split. A split weight must be whole steps, and a pair of f32 can hold more.

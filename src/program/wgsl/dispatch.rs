@@ -15,15 +15,16 @@ impl Composition<'_> {
         Ok(self.normal_by_kind() + &others.concat())
     }
 
-    /// Dispatch over the kinds of shapes that have a function for their normal. The other shapes are quadrics. Their
-    /// function then has another name ([`Composition::compose`]).
+    /// Dispatch over the kinds of shapes that have a function for their normal. The other shapes are quadrics.
     fn normal_by_kind(&self) -> String {
+        let head = "fn quadric_normal(surface: Surface, position: vec3<real>) -> vec3<real> {\n";
+        let of_quadric = "    return normal_of_quadric(surface, position);\n}\n";
         if !self.features.has_own_normals() {
-            return String::new();
+            return format!("{head}{of_quadric}");
         }
-        let mut text = String::from(
-            "fn quadric_normal(surface: Surface, position: vec3<real>) -> vec3<real> {\n    \
-             let origin = vec3<real>(surface.origin_x, surface.origin_y, surface.origin_z);\n    \
+        let mut text = String::from(head);
+        text.push_str(
+            "    let origin = vec3<real>(surface.origin_x, surface.origin_y, surface.origin_z);\n    \
              let p = to_surface(surface, position - origin);\n",
         );
         for kind in self.features.shapes.iter().filter(|kind| kind.has_own_normal()) {
@@ -32,7 +33,7 @@ impl Composition<'_> {
             let normal = format!("from_surface(surface, {function}(p{arguments}))");
             let _ = writeln!(text, "    if surface.shape == {code}u {{ return {normal}; }}");
         }
-        text + "    return normal_of_quadric(surface, position);\n}\n"
+        text + of_quadric
     }
 
     /// Dispatch over the kinds of detectors.
@@ -67,7 +68,7 @@ impl Composition<'_> {
         let Some((last, others)) = self.features.bsdfs.split_last() else {
             return String::new();
         };
-        let mut text = String::from("fn sample_bsdf(s: Scattering, surface: Surface) -> Lobe {\n");
+        let mut text = String::from("fn plain_sample_bsdf(s: Scattering, surface: Surface) -> Lobe {\n");
         for kind in others {
             let (code, name) = (*kind as u32, kind.name());
             let _ = writeln!(text, "    if surface.bsdf == {code}u {{ return sample_{name}(s, surface); }}");

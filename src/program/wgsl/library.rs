@@ -57,6 +57,7 @@ const SHARED: &[ShaderFile] =
 pub fn source(real: Real, integers: Integers, sampler: Sampler) -> String {
     let mut text = Text::default();
     add(&mut text, real, integers, sampler);
+    text.file(shader!("sums/deposit.plain.wgsl"));
     bindings::declared(&text.into_string())
 }
 

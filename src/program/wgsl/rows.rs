@@ -59,9 +59,9 @@ impl Composition<'_> {
         for (name, value) in self.lengths().into_iter().filter(|_| self.numbers.are_live()) {
             let _ = writeln!(lengths, "    {name} = {};", self.real(value)?);
         }
-        let head = if self.options.has_path_table() { "    path_head = path_head_uniform;\n" } else { "" };
+        let added: String = self.additions.all().map(|addition| addition.begin()).collect();
         let numbers = self.numbers.copy();
-        let begin = format!("fn begin() {{\n    range = range_uniform;\n{copy}{head}{numbers}{lengths}}}\n");
+        let begin = format!("fn begin() {{\n    range = range_uniform;\n{copy}{added}{numbers}{lengths}}}\n");
         Ok(format!("{row}{functions}fn source() -> Source {{\n    return {of_dispatch};\n}}\n{begin}"))
     }
 
@@ -100,7 +100,7 @@ impl Composition<'_> {
 
 /// `to_<row>` and `from_<row>`, the functions into a record's frame and out of it. Without a rotated frame in the
 /// table, both functions do nothing.
-pub(super) fn frame_functions(name: &str, row: &str, rotated: bool) -> String {
+pub(crate) fn frame_functions(name: &str, row: &str, rotated: bool) -> String {
     let (to, from) = if rotated {
         let rotation = "Rotation(vec3<real>(r.xx, r.xy, r.xz), vec3<real>(r.yx, r.yy, r.yz), vec3<real>(r.zx, r.zy, r.zz))";
         (format!("to_local(v, {rotation})"), format!("to_global(v, {rotation})"))

@@ -25,11 +25,6 @@ impl Text {
         }
     }
 
-    /// Renames a declaration in the text so far.
-    pub fn rename(&mut self, before: &str, after: &str) {
-        self.0 = self.0.replace(before, after);
-    }
-
     /// The whole text.
     pub fn into_string(self) -> String {
         self.0

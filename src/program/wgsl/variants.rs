@@ -5,9 +5,8 @@ use crate::model::Precision;
 use crate::model::SourceFunction;
 use crate::program::features::Features;
 use crate::program::layout::tables::ReachedMarks;
-use crate::program::options::{PathSampling, PathSums, ProgramOptions, SecondMoments};
+use crate::program::options::{PathSampling, ProgramOptions, SecondMoments};
 use crate::program::wgsl::composition::Composition;
-use crate::program::wgsl::extension::Extension;
 use crate::shaders::{ShaderFile, shader};
 
 /// Files of every scene.
@@ -67,8 +66,15 @@ macro_rules! twin {
 #[rustfmt::skip]
 const SLOTS: &[Slot] = slots! { c;
     // Stem                     [files]                               filled where => by
-    "stages/ids"                [listed, range]                       true => either(c.o.path_sums == PathSums::Told, listed, range);
-    "stages/launched"           [listed, range]                       c.f.splits => either(c.o.path_sums == PathSums::Told, listed, range);
+    "stages/ids"                [range]                               true => range;
+    "stages/launched"           [range]                               c.f.splits => range;
+    "stages/path"               [plain]                               true => plain;
+    "stages/hit"                [plain]                               true => plain;
+    "stages/taps"               [plain]                               true => plain;
+    "stages/family"             [plain]                               c.f.splits => plain;
+    "stages/lobe"               [plain]                               !c.f.bsdfs.is_empty() => plain;
+    "stages/scattered"          [plain]                               !c.f.bsdfs.is_empty() => plain;
+    "stages/queue_entry"        [plain]                               c.o.has_queue() => plain;
     "stages/rays"               [one, several @ "cpu/rays"]      true => either(c.o.rays_per_invocation(c.f) == 1, one, several);
     "stages/rounds"             [many @ "cpu/rounds", few]       true => either(c.o.has_many_rounds(c.f), many, few);
     "stages/scatter"            [on, none]                            true => either(!c.f.bsdfs.is_empty(), on, none);
@@ -83,7 +89,11 @@ const SLOTS: &[Slot] = slots! { c;
     "optics/spectrum"           [discrete, single]                    true => either(c.f.polychromatic, discrete, single);
     "optics/bulk"               [on, none]                            true => either(c.f.bulk_absorption, on, none);
     "optics/roulette"           [on, none]                            true => either(c.f.roulette, on, none);
-    "optics/branch"             [importance, fresnel]                 !c.f.splits => either(c.f.importance, importance, fresnel);
+    "optics/attenuated"         [plain]                               c.f.bulk_absorption => plain;
+    "optics/survival"           [plain]                               c.f.roulette => plain;
+    "optics/reflection"         [drawn]                               !c.f.splits => drawn;
+    "optics/wrong_sides"        [counted, none]                       true => either(c.all.wrong_sides().is_some(), counted, none);
+    "optics/branch"             [importance, fresnel]                 true => either(c.f.importance, importance, fresnel);
     "optics/coating"            [tabulated, simple, none]             true => match (c.f.coated, c.f.tabulated_coatings) {
         (false, _) => none,
         (true, true) => tabulated,
@@ -135,11 +145,8 @@ const SLOTS: &[Slot] = slots! { c;
         ReachedMarks::Bits => bits,
         ReachedMarks::Counters => counters,
     };
-    "sums/replicates"           [on, by_path, none]                   true => match (c.o.path_sums, c.o.moments) {
-        (PathSums::Maps(_), _) => by_path,
-        (_, SecondMoments::Replicates) => on,
-        (_, SecondMoments::None | SecondMoments::Squares) => none,
-    };
+    "sums/deposit"              [plain]                               true => plain;
+    "sums/replicates"           [on, none]                            true => either(c.o.moments == SecondMoments::Replicates, on, none);
     "sums/moments"              [on, none]                            true => either(c.has_squares(), on, none);
     "sums/visits"               [on, none]                            c.has_squares() => either(c.f.transmissive || c.f.splits, on, none);
 
@@ -156,7 +163,10 @@ impl Case<'_> {
             (f.reads_media(), shader!("optics/media.wgsl")),
             (f.has_tables(), shader!("optics/tables.wgsl")),
             (self.all.has_trees(), shader!("geometry/boxes.wgsl")),
-            (o.has_events(f), shader!("rows/events.wgsl")),
+            (
+                o.has_events(f) || self.all.additions.rows_per_ray(o.max_depth) > 0,
+                shader!("rows/events.wgsl"),
+            ),
         ]
     }
 
@@ -192,12 +202,13 @@ pub(crate) fn either(condition: bool, first: ShaderFile, second: ShaderFile) -> 
 
 impl Composition<'_> {
     /// The files that the scene needs, each once.
-    pub(super) fn files(&self, extension: &dyn Extension) -> Vec<ShaderFile> {
+    pub(super) fn files(&self) -> Vec<ShaderFile> {
         let case = Case { f: &self.features, o: &self.options, all: self };
         let mut files = ALWAYS.to_vec();
         files.extend(case.single().into_iter().filter(|(needed, _)| *needed).map(|(_, file)| file));
         files.extend(self.features.detectors.iter().map(|function| function.wgsl().file));
-        let pick = |slot: &Slot| extension.replaces(slot.stem).or_else(|| (slot.pick)(&case));
+        let pick =
+            |slot: &Slot| (slot.pick)(&case).map(|file| self.additions.file(slot.stem).unwrap_or(file));
         files.extend(SLOTS.iter().filter_map(pick));
         // Several kinds of shapes may share a file.
         for kind in &self.features.shapes {
@@ -213,19 +224,5 @@ impl Composition<'_> {
             files.extend(shared.into_iter().chain([kind.wgsl().file]));
         }
         files
-    }
-
-    /// Where rays are split, stages/split.wgsl has its own `draw_reflection`. The plain function then gets the name
-    /// `draw_branch`, which the split calls where it does not apply.
-    pub(super) fn drawn_branch(&self) -> String {
-        let branch = either(
-            self.features.importance,
-            shader!("optics/branch.importance.wgsl"),
-            shader!("optics/branch.fresnel.wgsl"),
-        );
-        match self.features.splits {
-            true => branch.text.replace("fn draw_reflection(", "fn draw_branch("),
-            false => String::new(),
-        }
     }
 }

@@ -1,6 +1,6 @@
 //! What a derivative does not see: light that a change moves across an edge.
 
-use crate::engine::options::TraceOptions;
+use crate::engine::options::{Collect, TraceOptions};
 use crate::error::{Error, Result};
 use crate::format::shown;
 use crate::gpu::Gpu;
@@ -144,8 +144,11 @@ pub(super) fn check(
     scaled: &Scaled,
     change: impl Fn(&mut dyn Iterator<Item = (usize, usize, f64)>) -> f64,
 ) -> Result<()> {
-    let options =
-        TraceOptions { num_rays: options.num_rays.min(MOST_EDGE_RAYS), tangents: None, ..options.clone() };
+    let options = TraceOptions {
+        num_rays: options.num_rays.min(MOST_EDGE_RAYS),
+        collect: Collect::Light,
+        ..options.clone()
+    };
     let traced = |ir: &SceneIr| -> Result<Tally> {
         match shelf {
             Some(shelf) => Tracer::on_shelf(gpu, ir, &options, shelf)?.trace(|_| true),

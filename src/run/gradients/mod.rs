@@ -11,9 +11,10 @@ mod with_edges;
 
 pub use crate::run::gradients::edges::LossWithEdges;
 
-use crate::engine::options::{RecordPaths, StandardError, TraceOptions};
-use crate::engine::tangents::{Numbers, slopes};
-use crate::engine::walk::Walker;
+use crate::derivatives::jacobian::Numbers;
+use crate::derivatives::walk::Walker;
+use crate::engine::options::{Collect, RecordPaths, StandardError, TraceOptions};
+use crate::engine::retrace::Source;
 use crate::error::{Error, Result};
 use crate::format::shown;
 use crate::gpu::Gpu;
@@ -243,8 +244,11 @@ impl Differentiated {
         mut keep_going: impl FnMut(u64) -> bool,
     ) -> Result<LossGradient> {
         self.check_adjoints(adjoints)?;
-        let options =
-            TraceOptions { paths: RecordPaths::None, path_table: false, ..self.traced_options(options) };
+        let options = TraceOptions {
+            paths: RecordPaths::None,
+            collect: Collect::Light,
+            ..self.traced_options(options)
+        };
         let all = 0..self.parameters.len();
         let mut found =
             LossGradient { values: vec![0.0; all.len()], num_lost: 0, num_forward: 0, why_forward: None };
@@ -317,8 +321,9 @@ impl Differentiated {
         found: &mut LossGradient,
         keep_going: &mut dyn FnMut(u64) -> bool,
     ) -> Result<Vec<usize>> {
-        let walker = Walker::new(gpu, &self.ir, options, how.shelf, how.edit)?;
-        let program = &walker.plan.program;
+        let walker = Walker::new(gpu, &self.ir, options, Source { shelf: how.shelf, edit: how.edit })?;
+        let plan = &walker.again.plan;
+        let program = &plan.program;
         let cells = &program.cells;
         let first = cells.detectors.first().copied().unwrap_or(cells.num_cells);
         let largest = largest(adjoints);
@@ -333,7 +338,7 @@ impl Differentiated {
         }
         let parameters: Vec<Parameter> =
             self.parameters.iter().map(|scaled| scaled.parameter.clone()).collect();
-        let slopes = slopes(options, program, &walker.first, &parameters)?;
+        let slopes = walker.jacobian(options, &parameters)?;
         let has_no_way = |slopes: &Numbers| {
             let is_known = |binding: u32| walker.layout.buffers.iter().any(|(known, _)| *known == binding);
             slopes
@@ -350,7 +355,7 @@ impl Differentiated {
                 forward.push(number);
                 continue;
             }
-            let [unit, slope] = Chain::of(&self.ir, scaled, walker.plan.num_rays)?.unit;
+            let [unit, slope] = Chain::of(&self.ir, scaled, plan.num_rays)?.unit;
             let mut value = 0.0;
             for (source, walked) in walked.iter().enumerate() {
                 let mut at = 0;
@@ -425,7 +430,7 @@ impl Differentiated {
         let ir = &self.ir;
         let tangents =
             Tangents { parameters: parameters.iter().map(|scaled| scaled.parameter.clone()).collect() };
-        let options = &TraceOptions { tangents: Some(Arc::new(tangents)), ..options.clone() };
+        let options = &TraceOptions { collect: Collect::Tangents(Arc::new(tangents)), ..options.clone() };
         let mut tracer = match (how.shelf, how.edit) {
             (Some(shelf), _) => Tracer::on_shelf(gpu, ir, options, shelf)?,
             (None, Some(edit)) => Tracer::plain_edited(gpu, ir, options, edit)?,

@@ -5,71 +5,92 @@ use crate::error::{Error, Result};
 use crate::model::primitives::primitives;
 use crate::model::shapes::{Normal, Quadric};
 use crate::model::{Shape, ShapeKind};
+use crate::program::addition::ShaderAddition;
 use crate::program::layout::records::Records;
 use crate::program::layout::{bindings, tables};
+use crate::program::prepared::Prepared;
 use crate::program::rewrite::jvp::NUM_TANGENTS;
+use crate::program::rewrite::{jvp, transpose};
 use crate::program::wgsl::composition::Composition;
 use crate::program::wgsl::constants::Constants;
 use crate::program::wgsl::rows::frame_functions;
 use crate::program::wgsl::text::Text;
-use crate::shaders::shader;
+use crate::shaders::{ShaderFile, shader};
+use naga::{Module, Scalar};
 use std::fmt::Write;
-
-/// Functions of every loop whose places others take; the plain ones then have these names with `_of_value`.
-const REPLACED: [&str; 4] = ["deposit_weight", "deposit_tap", "deposit_taps", "intersect"];
 
 /// Sums of tangents cannot overflow between two readings: 2^43 units of weight, over so many deposits in one cell.
 const MOST_DEPOSITS: f64 = (1_u64 << 23) as f64;
 
-impl Composition<'_> {
-    /// Makes the functions of the loop tell derivatives, if there are any to tell.
-    pub(super) fn tell_derivatives(&self, text: &mut Text) -> Result<()> {
-        let num = self.options.tangents;
-        if !self.options.has_derivatives() {
-            return Ok(());
-        }
-        let features = &self.features;
-        let branch = match features.importance {
+/// How a scene's shader is differentiated.
+#[derive(Debug)]
+pub(super) struct DerivativeShader {
+    /// Tangents beside each real; none if rays are walked back.
+    num_tangents: u32,
+    branch: ShaderFile,
+}
+
+impl DerivativeShader {
+    pub(super) fn new(num_tangents: u32, scene: &Prepared) -> Self {
+        let branch = match scene.features.importance {
             true => shader!("derivatives/branch.importance.wgsl"),
             false => shader!("derivatives/branch.fresnel.wgsl"),
         };
-        let some = [
-            (features.refractive, "draw_reflection", branch),
-            (features.bulk_absorption, "attenuated", shader!("derivatives/bulk.wgsl")),
-            (features.roulette, "roulette", shader!("derivatives/roulette.wgsl")),
-            (!features.bsdfs.is_empty(), "scatter", shader!("derivatives/scatter.wgsl")),
-        ];
-        let some = || some.iter().filter(|(is_needed, ..)| *is_needed);
-        for name in REPLACED.into_iter().chain(some().map(|(_, name, _)| *name)) {
-            text.rename(&format!("fn {name}("), &format!("fn {name}_of_value("));
+        DerivativeShader { num_tangents, branch }
+    }
+}
+
+impl ShaderAddition for DerivativeShader {
+    fn replaces(&self, slot: &str) -> Option<ShaderFile> {
+        match slot {
+            "sums/deposit" => Some(shader!("derivatives/seen.wgsl")),
+            "stages/taps" => Some(shader!("derivatives/taps.wgsl")),
+            "stages/hit" if self.num_tangents > 0 => Some(shader!("derivatives/tangents.wgsl")),
+            "stages/hit" => Some(shader!("derivatives/adjoints.wgsl")),
+            "optics/reflection" => Some(self.branch),
+            "optics/attenuated" => Some(shader!("derivatives/bulk.wgsl")),
+            "optics/survival" => Some(shader!("derivatives/roulette.wgsl")),
+            "stages/scattered" => Some(shader!("derivatives/scatter.wgsl")),
+            _ => None,
         }
+    }
+
+    fn add(&self, composition: &Composition, text: &mut Text) -> Result<()> {
+        let (features, cells) = (&composition.features, &composition.cells);
         let mut constants = Constants::default();
-        let first = self.cells.detectors.first().copied().unwrap_or(self.cells.num_cells);
+        let first = cells.detectors.first().copied().unwrap_or(cells.num_cells);
         constants.uint("FIRST_DETECTOR_CELL", first);
-        if num > 0 {
-            constants.uint(NUM_TANGENTS, num);
+        if self.num_tangents > 0 {
+            constants.uint(NUM_TANGENTS, self.num_tangents);
             constants.real("LARGEST_TANGENT", 8796093022208.0 / MOST_DEPOSITS);
         } else {
             constants.bool("HAS_BULK_ABSORPTION", features.bulk_absorption);
             constants.bool("WEIGHTS_VARY", !features.keeps_weight);
         }
-        text.composed("program::wgsl::derivatives", constants.text());
-        text.file(shader!("derivatives/seen.wgsl"));
-        text.file(match num {
-            0 => shader!("derivatives/adjoints.wgsl"),
-            _ => shader!("derivatives/tangents.wgsl"),
-        });
-        if self.options.adjoints {
-            text.file(match self.options.native {
+        text.composed("derivatives::wgsl", constants.text());
+        if self.num_tangents == 0 {
+            text.file(match composition.options.native {
                 true => shader!("derivatives/streams.native.wgsl"),
                 false => shader!("derivatives/streams.portable.wgsl"),
             });
         }
-        text.files(some().map(|(.., file)| *file));
-        text.composed("program::wgsl::derivatives", &self.crossing_step()?);
+        text.composed("derivatives::wgsl", &composition.crossing_step()?);
         Ok(())
     }
 
+    fn entry_point(&self) -> Option<&'static str> {
+        (self.num_tangents == 0).then_some(transpose::ENTRY_POINT)
+    }
+
+    fn rewrite(&self, module: &Module, real: Scalar) -> Result<Option<(Module, String)>> {
+        match self.num_tangents as usize {
+            0 => transpose::rewrite(module, real).map(Some),
+            num => jvp::rewrite(module, real, num).map(Some),
+        }
+    }
+}
+
+impl Composition<'_> {
     /// How far a hit is from the surface, along the ray and to first order: zero but for its derivative. The quadrics of a
     /// scene are chosen from by the number of what was hit; other shapes have functions of their own.
     fn crossing_step(&self) -> Result<String> {

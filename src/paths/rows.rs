@@ -1,10 +1,10 @@
 //! Which path light took: from the sums of a trace to a table, with maps of the strongest paths by a second trace.
 
 use crate::engine::options::TraceOptions;
-use crate::engine::path_maps::{PathMaps, WantedMaps, Watched, trace_maps};
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::model::{SceneIr, Sequence};
+use crate::paths::maps::{PathMaps, WantedMaps, Watched, trace_maps};
 use crate::program::Sampler;
 use crate::result::detectors::bins::pixel_area;
 use crate::result::paths::{Group, Places, groups};
@@ -162,7 +162,7 @@ pub fn table_with_maps(
         let num = (last - first).max(1) as u32;
         let wanted = WantedMaps { rays: &tally.rays, watched: &watched, num_maps: num };
         let PathMaps { tally: second, places: of_watched, is_whole: is_done } =
-            trace_maps(gpu, ir, trace, &wanted, |wgsl| wgsl, &mut keep_going)?;
+            trace_maps(gpu, ir, trace, &wanted, None, &mut keep_going)?;
         if !is_done {
             // Maps of some of the rays would pass for those of all.
             is_whole = false;

@@ -1,13 +1,19 @@
 //! Composes how the paths of rays are followed (shaders/paths): what words a path has, and how a filter decides.
 
+use crate::error::{Error, Result};
 use crate::model::path_filter::{Count, Events, Mark, Part, Pattern, Term};
 use crate::model::{PathFilter, StepKind};
-use crate::program::options::PathSums;
+use crate::paths::PathSums;
+use crate::paths::layout::PathTableLayout;
+use crate::program::Program;
+use crate::program::addition::ShaderAddition;
+use crate::program::prepared::Prepared;
 use crate::program::wgsl::composition::Composition;
 use crate::program::wgsl::constants::Constants;
 use crate::program::wgsl::text::Text;
 use crate::shaders::{ShaderFile, shader};
 use std::fmt::Write;
+use std::sync::Arc;
 
 /// Words of a sequence's key, the first of a path.
 const KEY_WORDS: usize = 3;
@@ -15,91 +21,120 @@ const KEY_WORDS: usize = 3;
 /// The bit of a path's marks that says that the path has an event.
 const HAS_EVENT: u32 = 31;
 
-/// Functions of the loop whose place those of shaders/paths take: the head of the declaration, and the head under
-/// another name.
-const REPLACED: [(&str, &str); 11] = [
-    ("fn flush_bins(", "fn plain_flush_bins("),
-    ("fn generate(", "fn plain_generate("),
-    ("fn interact(", "fn plain_interact("),
-    ("fn leave_boundary(", "fn plain_leave_boundary("),
-    ("fn splat(", "fn plain_splat("),
-    ("fn deposit_fate(", "fn plain_deposit_fate("),
-    ("fn sample_bsdf(", "fn plain_sample_bsdf("),
-    ("fn child(", "fn plain_child("),
-    ("fn restore_triangle(", "fn plain_restore_triangle("),
-    ("fn queued(ray: Ray) -> QueuedRay", "fn plain_queued(ray: Ray) -> RayInQueue"),
-    ("fn unqueued(q: QueuedRay)", "fn plain_unqueued(q: RayInQueue)"),
-];
+/// How a scene's shader follows paths.
+#[derive(Debug)]
+pub(super) struct PathShader {
+    sums: PathSums,
+    filter: Option<Arc<PathFilter>>,
+    /// What the rows of the table are.
+    pub(super) layout: PathTableLayout,
+}
 
-/// The entry of a queue, which then is a part of the entry.
-const QUEUE_ENTRY: [(&str, &str); 2] = [
-    ("struct QueuedRay {", "struct RayInQueue {"),
-    ("return QueuedRay(pack_ray", "return RayInQueue(pack_ray"),
-];
-
-impl Composition<'_> {
-    /// Makes the functions of the loop follow the paths of rays, if that is asked for. What the loop has for them
-    /// without paths stays in the text under another name.
-    pub(super) fn follow_paths(&self, text: &mut Text) {
-        if !self.options.follows_paths() {
-            return;
-        }
-        REPLACED.iter().chain(&QUEUE_ENTRY).for_each(|(before, after)| text.rename(before, after));
-        text.files(self.path_files());
-        text.composed("program::wgsl::paths", &self.path_functions());
+impl PathShader {
+    pub(super) fn new(sums: PathSums, filter: Option<Arc<PathFilter>>, scene: &Prepared) -> Self {
+        let layout = match sums {
+            PathSums::Maps(_) => PathTableLayout::of_maps(scene.ir, sums.has_ends()),
+            PathSums::None | PathSums::Totals { .. } | PathSums::Events { .. } => {
+                PathTableLayout::of_totals(scene.ir, sums.has_ends(), scene.constant_weights)
+            }
+        };
+        PathShader { sums, filter, layout }
     }
 
-    /// The files that paths need. They come after the renaming: they declare what was renamed.
-    fn path_files(&self) -> Vec<ShaderFile> {
-        let (features, options) = (&self.features, &self.options);
-        let sums = match options.path_sums {
+    /// How the shader of a program follows paths.
+    pub(super) fn of(program: &Program) -> Result<&Self> {
+        let none = || Error::Internal("the program follows no paths".into());
+        program.additions.get().ok_or_else(none)
+    }
+}
+
+impl ShaderAddition for PathShader {
+    fn replaces(&self, slot: &str) -> Option<ShaderFile> {
+        let is_listed = matches!(self.sums, PathSums::Events { .. });
+        match slot {
+            "stages/path" => Some(shader!("paths/followed.wgsl")),
+            "stages/lobe" => Some(shader!("paths/lobes.wgsl")),
+            "stages/family" => Some(shader!("paths/families.wgsl")),
+            "stages/queue_entry" => Some(shader!("paths/queued.wgsl")),
+            "stages/ids" => is_listed.then_some(shader!("stages/ids.listed.wgsl")),
+            "stages/launched" => is_listed.then_some(shader!("stages/launched.listed.wgsl")),
+            "sums/replicates" => {
+                matches!(self.sums, PathSums::Maps(_)).then_some(shader!("sums/replicates.by_path.wgsl"))
+            }
+            _ => None,
+        }
+    }
+
+    fn add(&self, composition: &Composition, text: &mut Text) -> Result<()> {
+        text.files(self.files(composition));
+        text.composed("paths::wgsl", &self.functions(composition));
+        Ok(())
+    }
+
+    fn begin(&self) -> &'static str {
+        if self.sums.has_table() { "    path_head = path_head_uniform;\n" } else { "" }
+    }
+
+    fn rows_per_ray(&self, max_depth: u32) -> u64 {
+        match self.sums {
+            // Each event, and the end.
+            PathSums::Events { .. } => u64::from(max_depth + 2),
+            PathSums::None | PathSums::Totals { .. } | PathSums::Maps(_) => 0,
+        }
+    }
+
+    fn counts_events_unread(&self) -> bool {
+        self.sums.has_table()
+    }
+}
+
+impl PathShader {
+    /// The files that paths need, beside those of slots.
+    fn files(&self, composition: &Composition) -> Vec<ShaderFile> {
+        let sums = match self.sums {
             PathSums::None => shader!("paths/sums.none.wgsl"),
-            PathSums::Totals => shader!("paths/sums.totals.wgsl"),
+            PathSums::Totals { .. } => shader!("paths/sums.totals.wgsl"),
             PathSums::Maps(_) => shader!("paths/sums.maps.wgsl"),
-            PathSums::Told => shader!("paths/sums.told.wgsl"),
+            PathSums::Events { .. } => shader!("paths/sums.told.wgsl"),
         };
-        let told = match features.splits {
+        let told = match composition.features.splits {
             true => shader!("paths/told.families.wgsl"),
             false => shader!("paths/told.alone.wgsl"),
         };
         let files = [
-            (true, shader!("paths/followed.wgsl")),
             (true, sums),
-            (options.path_sums == PathSums::Told, told),
-            (options.path_sums != PathSums::None, shader!("paths/sequence.wgsl")),
-            (options.has_path_table(), shader!("paths/table.wgsl")),
-            (options.path_filter.is_some(), shader!("paths/filter_out.wgsl")),
-            (!features.bsdfs.is_empty(), shader!("paths/lobes.wgsl")),
-            (features.splits, shader!("paths/families.wgsl")),
-            (options.has_queue(), shader!("paths/queued.wgsl")),
+            (matches!(self.sums, PathSums::Events { .. }), told),
+            (self.sums != PathSums::None, shader!("paths/sequence.wgsl")),
+            (self.sums.has_table(), shader!("paths/table.wgsl")),
+            (self.filter.is_some(), shader!("paths/filter_out.wgsl")),
         ];
         files.into_iter().filter(|(is_needed, _)| *is_needed).map(|(_, file)| file).collect()
     }
 
-    fn path_functions(&self) -> String {
-        let has_key = self.options.path_sums != PathSums::None;
-        let filter = self.options.path_filter.as_deref();
+    fn functions(&self, composition: &Composition) -> String {
+        let has_key = self.sums != PathSums::None;
+        let filter = self.filter.as_deref();
         let state = filter.map(|filter| FilterState::of(filter, if has_key { KEY_WORDS } else { 0 }));
         let num_words = state.as_ref().map_or(KEY_WORDS, |state| state.end());
         let mut constants = Constants::default();
         constants.uint("PATH_WORDS", num_words.max(1) as u32);
-        constants.uint("NUM_DETECTORS", self.ir.detectors.len() as u32);
-        constants.bool("PATHS_HAVE_ENDS", self.options.path_ends);
-        if self.options.has_path_table() {
-            constants.uint("NUM_ENDS", self.path_table.num_ends);
-            constants.uint("PATH_ROW_WORDS", self.path_table.row_words);
-            constants.bool("PATH_WEIGHTS_VARY", !self.constant_weights);
+        constants.uint("NUM_DETECTORS", composition.ir.detectors.len() as u32);
+        constants.bool("PATHS_HAVE_ENDS", self.sums.has_ends());
+        if self.sums.has_table() {
+            constants.uint("NUM_ENDS", self.layout.num_ends);
+            constants.uint("PATH_ROW_WORDS", self.layout.row_words);
+            constants.bool("PATH_WEIGHTS_VARY", !composition.constant_weights);
         }
         if has_key {
-            let index_bits = self.splitting.map_or(u32::BITS, |splitting| splitting.index_bits());
+            let index_bits = composition.splitting.map_or(u32::BITS, |splitting| splitting.index_bits());
             constants.uint("PATH_INDEX_MASK", u32::MAX >> (u32::BITS - index_bits));
         }
-        if let Some(filtered) = self.cells.filtered {
+        if let Some(filtered) = composition.cells.filtered {
             constants.uint("CELL_FILTERED", filtered);
         }
         let mut text = constants.text().to_string();
         // The number of a ray within its family, in the bits of its index above the place in the dispatch.
-        let number = if self.splitting.is_some() { "index >> INDEX_BITS" } else { "0u" };
+        let number = if composition.splitting.is_some() { "index >> INDEX_BITS" } else { "0u" };
         let _ = writeln!(text, "fn family_number(index: u32) -> u32 {{\n    return {number};\n}}");
         let [begin, extend] =
             if has_key { ["    begin_key();\n", "    extend_key(kind, number);\n"] } else { ["", ""] };

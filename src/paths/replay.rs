@@ -1,25 +1,24 @@
-//! Finds the sequences of paths: traces one ray of each path again, by a program that tells what happens to the ray.
+//! Finds the sequences of paths: traces one ray of each path again, by a program that reports what happens to the ray.
 
+use crate::engine::addition::Additions;
 use crate::engine::device::DeviceState;
-use crate::engine::dispatch::submit_alone;
 use crate::engine::dispatch_size::DispatchSize;
-use crate::engine::limits::DispatchLimits;
-use crate::engine::options::TraceOptions;
-use crate::engine::plan::{Draft, Plan};
+use crate::engine::options::{Collect, TraceOptions};
+use crate::engine::retrace::{After, Batch, Retrace, Retracing, Source, trace_again};
 use crate::engine::rows::read_events;
-use crate::engine::stages::{Additions, Stages};
+use crate::engine::stages::ExtraBindings;
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::model::sequence::{End, Sequence, SequenceKey, Step};
 use crate::model::{SceneIr, ray_id};
+use crate::paths::Paths;
+use crate::paths::layout::Slot;
 use crate::program::layout::bindings;
-use crate::program::layout::paths::Slot;
-use crate::program::parsed::Parsed;
-use crate::program::wgsl::extension::NoExtension;
-use crate::program::{PathSums, Program, RayRange, events};
+use crate::program::{RayRange, events};
+use crate::result::RaySpan;
 use glam::DVec3;
 use std::collections::HashMap;
-use std::sync::Arc;
+use std::time::Instant;
 
 /// A path that was found again.
 #[derive(Debug, Clone)]
@@ -29,9 +28,9 @@ pub(crate) struct Found {
     pub(crate) position: DVec3,
 }
 
-/// A program that tells what happens to rays of a list.
-pub(crate) struct Teller {
-    plan: Plan,
+/// A program that reports what happens to rays of a list.
+pub(crate) struct PathReplay {
+    again: Retrace,
     device: DeviceState,
     ids: wgpu::Buffer,
     is_strict: bool,
@@ -40,43 +39,48 @@ pub(crate) struct Teller {
 /// Most rays of a list.
 const MOST_LISTED: u32 = 1 << 14;
 
-impl Teller {
+/// The rays of a list are traced in one dispatch.
+struct Once;
+
+impl Retracing for Once {
+    fn after(&mut self, range: &RayRange, _start: Instant) -> Result<After> {
+        Ok(After::Next(Batch { rays: range.count.into(), submissions: 1 }))
+    }
+}
+
+impl PathReplay {
     /// Compiles the program.
     pub(crate) fn new(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Result<Self> {
         let is_strict = options.is_strict(&gpu.info);
-        let options = TraceOptions { path_table: false, batch_size: Some(MOST_LISTED), ..options.clone() };
-        let mut draft = Draft::new(gpu, ir, &options)?;
-        draft.program.path_sums = PathSums::Told;
-        let parse = |wgsl, precision| Parsed::of(wgsl, precision).map(Arc::new);
-        let limits = |program: &Program| DispatchLimits { processors: 1, ..DispatchLimits::of(program) };
-        let plan = draft.compose(gpu, ir, &NoExtension, parse, limits)?;
-        let stages = Stages::new(gpu, &plan.program, is_strict, &Additions::default())?;
-        let ids = gpu.buffer("listed rays", u64::from(plan.batch) * 16)?;
-        let additions =
-            Additions { groups: vec![vec![(bindings::LISTED_IDS, ids.clone())]], stages: Vec::new() };
-        let device = DeviceState::new(gpu, &plan.program, plan.batch, Arc::new(stages), &additions, None)?;
-        Ok(Teller { plan, device, ids, is_strict })
+        let ends = matches!(options.collect, Collect::Paths { ends: true, .. });
+        let collect = Collect::Events { ends };
+        let options = TraceOptions { collect, batch_size: Some(MOST_LISTED), ..options.clone() };
+        let additions = Paths::of(&options).map(Additions::one).unwrap_or_default();
+        let again = Retrace::new(gpu, ir, &options, additions, Source::default())?;
+        let ids = gpu.buffer("listed rays", u64::from(again.plan.batch) * 16)?;
+        let device = again.open(gpu, &ExtraBindings::of([(bindings::LISTED_IDS, ids.clone())]))?;
+        Ok(PathReplay { again, device, ids, is_strict })
     }
 
     /// Sets the seed of the draws.
     pub(crate) fn set_seed(&mut self, seed: u64) {
-        self.plan.program.set_seed(seed);
-        self.device.set_draws(&self.plan.program.rng_table);
+        self.again.plan.program.set_seed(seed);
+        self.device.set_draws(&self.again.plan.program.rng_table);
     }
 
     /// The sequences of these keys. Each slot names a ray that took the path. Where arithmetic is not strict, another shader
     /// may round a ray onto another path: the sequence is then not found.
-    pub(crate) fn tell(&mut self, slots: &[(SequenceKey, Slot)]) -> Result<HashMap<SequenceKey, Found>> {
+    pub(crate) fn find(&mut self, slots: &[(SequenceKey, Slot)]) -> Result<HashMap<SequenceKey, Found>> {
         let mut found = HashMap::new();
-        let splits = self.plan.program.splitting.is_some();
-        for source in 0..self.plan.rays.len() {
+        let splits = self.again.plan.program.splitting.is_some();
+        for source in 0..self.again.plan.rays.len() {
             let of_source = slots.iter().filter(|(_, slot)| slot.source as usize == source);
             let mut rays: Vec<(u64, u64)> =
                 of_source.map(|(_, slot)| ray_id::order(slot.ray, splits)).collect();
             rays.sort_unstable();
             rays.dedup();
-            for rays in rays.chunks(self.plan.batch as usize) {
-                self.tell_rays(source, rays, &mut found)?;
+            for rays in rays.chunks(self.again.plan.batch as usize) {
+                self.find_rays(source, rays, &mut found)?;
             }
         }
         let is_missing = |(key, _): &&(SequenceKey, Slot)| !found.contains_key(key);
@@ -89,7 +93,7 @@ impl Teller {
         }
     }
 
-    fn tell_rays(
+    fn find_rays(
         &mut self,
         source: usize,
         rays: &[(u64, u64)],
@@ -100,19 +104,19 @@ impl Teller {
         let launched: Vec<u64> = rays.iter().map(|(launched, _)| *launched).collect();
         let numbers: Vec<u64> = rays.iter().map(|(_, number)| *number).collect();
         queue.write_buffer(&self.ids, 0, bytemuck::cast_slice(&launched));
-        queue.write_buffer(&self.ids, 8 * u64::from(self.plan.batch), bytemuck::cast_slice(&numbers));
-        let range = RayRange::of(0, rays.len() as u32, source);
-        let size = DispatchSize::new(self.plan.batch, 1, 1);
+        queue.write_buffer(&self.ids, 8 * u64::from(self.again.plan.batch), bytemuck::cast_slice(&numbers));
+        let span = RaySpan { first: 0, count: rays.len() as u64, source: source as u32 };
+        let submissions = DispatchSize::new(self.again.plan.batch, 1, 1).submissions();
+        let batch = Batch { rays: span.count, submissions };
         // The sums of this trace are not read.
-        submit_alone(&self.device, &self.plan, &range, size.submissions(), |_| Ok(()))?;
-        self.device.check_loops_of_second_trace(&self.plan.program)?;
+        trace_again(&self.device, &self.again.plan, &[span], batch, &mut Once)?;
         let Some(buffer) = &self.device.events else {
-            return Err(Error::Internal("a program that tells paths has no events".into()));
+            return Err(Error::Internal("a program that reports paths has no events".into()));
         };
-        let splits = self.plan.program.splitting.is_some();
+        let splits = self.again.plan.program.splitting.is_some();
         let mut steps = HashMap::new();
         let mut ends = Vec::new();
-        for event in read_events(&self.device, buffer, &self.plan, range.first)? {
+        for event in read_events(&self.device, buffer, &self.again.plan, span.first)? {
             // The place in the list, and the number within the family.
             let (place, number) = ray_id::order(event.row.ray_id, splits);
             match event.kind {

@@ -10,10 +10,10 @@ use crate::engine::options::TraceOptions;
 use crate::error::{Error, Result};
 use crate::format::shown;
 use crate::model::{Precision, SceneIr};
+use crate::program::addition::ProgramAddition;
 use crate::program::layout::bindings;
 use crate::program::parsed::Parsed;
 use crate::program::rewrite::jvp::{BINDING_STRIDE, Parameter, place_reals, take_reals};
-use crate::program::wgsl::extension::NoExtension;
 use crate::program::{Program, ProgramOptions};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -32,9 +32,10 @@ impl Numbers {
         options: &TraceOptions,
         like: &ProgramOptions,
         first: &Arc<Parsed>,
+        all: &[&dyn ProgramAddition],
     ) -> Result<Option<Self>> {
         let mut is_alike = true;
-        let program = composed(ir, options, like, |wgsl| {
+        let program = composed(ir, options, like, all, |wgsl| {
             is_alike = first.wgsl == wgsl;
             // What another text reads has no place in this one's tables.
             if is_alike { Ok(first.clone()) } else { Err(Error::Internal("another text".into())) }
@@ -64,12 +65,13 @@ fn composed(
     ir: &SceneIr,
     options: &TraceOptions,
     like: &ProgramOptions,
+    all: &[&dyn ProgramAddition],
     parse: impl FnOnce(String) -> Result<Arc<Parsed>>,
 ) -> Result<Program> {
     let rays = distribute(ir, options.budget(), options.shares.as_deref())?;
     let weights = rays.iter().map(|rays| rays.weight).collect();
     let like = ProgramOptions { precision: Precision::F64, weights, ..like.clone() };
-    Program::parsed_by(ir, like, &NoExtension, options.seed, |wgsl, _| parse(wgsl))
+    Program::parsed_by(ir, like, all, options.seed, |wgsl, _, _| parse(wgsl))
 }
 
 /// A program as it is composed in f64.
@@ -81,13 +83,18 @@ pub(crate) struct AsComposed {
 }
 
 /// A program of the traced scene as it is composed in f64.
-pub(crate) fn as_composed(ir: &SceneIr, options: &TraceOptions, program: &Program) -> Result<AsComposed> {
+pub(crate) fn as_composed(
+    ir: &SceneIr,
+    options: &TraceOptions,
+    program: &Program,
+    all: &[&dyn ProgramAddition],
+) -> Result<AsComposed> {
     let parse = |wgsl: String| match wgsl == program.parsed.wgsl {
         // Rewriting leaves the buffers of numbers as they are.
         true => Ok(program.parsed.clone()),
         false => Parsed::as_composed(wgsl).map(Arc::new),
     };
-    let composed = composed(ir, options, &program.options, parse)?;
+    let composed = composed(ir, options, &program.options, all, parse)?;
     let numbers = Numbers::in_program(&composed).all_mut().map(|value| *value).collect();
     Ok(AsComposed { parsed: composed.parsed, numbers })
 }
@@ -99,11 +106,12 @@ pub(crate) fn slopes(
     program: &Program,
     first: &AsComposed,
     parameters: &[Parameter],
+    all: &[&dyn ProgramAddition],
 ) -> Result<Vec<Numbers>> {
     let mut found = Vec::new();
     for parameter in parameters {
         let of_scene = |(factor, scene): &(f64, SceneIr)| {
-            let mut numbers = Numbers::of(scene, options, &program.options, &first.parsed)?.ok_or_else(|| {
+            let mut numbers = Numbers::of(scene, options, &program.options, &first.parsed, all)?.ok_or_else(|| {
                 Error::Usage(format!(
                     "`{}` has no derivative here: a small change of it changes what the scene is made of, such as whether faces touch",
                     shown(&parameter.name)
@@ -123,11 +131,15 @@ pub(crate) fn slopes(
 }
 
 /// Gives a program the tangents of its numbers.
-pub(crate) fn add_tangents(ir: &SceneIr, options: &TraceOptions, program: &mut Program) -> Result<()> {
-    let Some(tangents) = &options.tangents else { return Ok(()) };
-    let first = as_composed(ir, options, program)?;
+pub(super) fn add_tangents(
+    options: &TraceOptions,
+    program: &mut Program,
+    first: &AsComposed,
+    parameters: &[Parameter],
+    all: &[&dyn ProgramAddition],
+) -> Result<()> {
     let mut added = Vec::new();
-    for (number, sum) in (1..).zip(slopes(options, program, &first, &tangents.parameters)?) {
+    for (number, sum) in (1..).zip(slopes(options, program, first, parameters, all)?) {
         let place = |binding: u32, num_bytes: usize, reals: &[f64]| {
             let twin = binding + number * BINDING_STRIDE;
             place_reals(&program.module, twin, program.options.precision, num_bytes, reals)
@@ -147,7 +159,7 @@ pub(crate) fn add_tangents(ir: &SceneIr, options: &TraceOptions, program: &mut P
             of_sources.extend(place(bindings::SOURCE, bytes.len(), reals)?);
         }
         if !of_sources.is_empty() {
-            program.source_tangents.push((bindings::SOURCE + number * BINDING_STRIDE, of_sources));
+            program.uploads.push((bindings::SOURCE + number * BINDING_STRIDE, of_sources));
         }
     }
     program.buffers.extend(added);

@@ -1,6 +1,5 @@
-// Looks for solids whose faces do not agree on what is inside. The functions here stand in the place of those of the
-// loop that have the same names. Those are then called `pass_boundary` and `settle_end` (program::wgsl::wrong_sides).
-// Scenes without boundaries between media are traced without this file.
+// Looks for solids whose faces do not agree on what is inside. Scenes without boundaries between media are traced
+// without this file. Twin of wrong_sides.none.wgsl.
 //
 // A ray that a face lets pass into the medium in which it already is has come from the wrong side. Either that face is
 // turned inside out, or a solid before it is open. A ray that ends in a medium in which it was not born has left a
@@ -11,7 +10,7 @@
 var<private> is_provisional: bool = false;
 var<private> went_wrong: bool = false;
 
-fn leave_boundary(ray: ptr<function, Ray>, surface: Surface, entering_back: bool, reflects: bool) {
+fn plain_leave_boundary(ray: ptr<function, Ray>, surface: Surface, entering_back: bool, reflects: bool) {
     let near = select(surface.back, surface.front, entering_back);
     let far = select(surface.front, surface.back, entering_back);
     if !reflects & ((*ray).medium == far) & (near != far) {

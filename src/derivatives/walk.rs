@@ -1,25 +1,24 @@
 //! Walks the rays of a trace back, from adjoints of the detectors' cells to those of the scene's numbers
 //! ([`crate::program::rewrite::transpose`]).
 
-use crate::engine::device::DeviceState;
-use crate::engine::dispatch::submit_alone;
-use crate::engine::limits::DispatchLimits;
-use crate::engine::options::TraceOptions;
-use crate::engine::plan::{Draft, Plan};
-use crate::engine::shelf::Shelf;
-use crate::engine::stages::{Additions, Stages};
-use crate::engine::tangents::{AsComposed, as_composed};
+use crate::derivatives::Derivatives;
+use crate::derivatives::jacobian::{AsComposed, Numbers, as_composed, slopes};
+use crate::engine::addition::Additions;
+use crate::engine::options::{Collect, TraceOptions};
+use crate::engine::retrace::{After, Batch, Retrace, Retracing, Source, trace_again};
+use crate::engine::stages::ExtraBindings;
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::model::{Precision, SceneIr};
+use crate::paths::Paths;
 use crate::program::RayRange;
+use crate::program::addition::ProgramAddition;
 use crate::program::layout::bindings;
 use crate::program::layout::reals::put_real;
-use crate::program::parsed::Parsed;
+use crate::program::rewrite::jvp::Parameter;
 use crate::program::rewrite::transpose::{Layout, NUM_OTHER_SUMS};
-use crate::program::wgsl::extension::NoExtension;
+use crate::result::RaySpan;
 use naga::Scalar;
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Rays of the first dispatch; most rays of one, and most bytes of its sums.
@@ -35,12 +34,11 @@ const MOST_NUMBERS: usize = 512;
 /// A scene whose rays can be walked back.
 pub(crate) struct Walker<'a> {
     gpu: &'a Gpu,
-    pub(crate) plan: Plan,
+    pub(crate) again: Retrace,
     /// The text in f64: where its numbers lie.
-    pub(crate) first: AsComposed,
+    first: AsComposed,
     /// The numbers that have adjoints.
     pub(crate) layout: Layout,
-    stages: Arc<Stages>,
 }
 
 /// What the rays of one source have given.
@@ -58,40 +56,25 @@ impl<'a> Walker<'a> {
     ///
     /// # Errors
     /// [`Error::NoWayBack`] if the scene has something through which there is no reverse pass.
-    pub(crate) fn new(
-        gpu: &'a Gpu,
-        ir: &SceneIr,
-        options: &TraceOptions,
-        shelf: Option<&Shelf>,
-        edit: Option<&dyn Fn(String) -> String>,
-    ) -> Result<Self> {
-        let options = TraceOptions { adjoints: true, ..options.clone() };
-        let draft = Draft::new(gpu, ir, &options)?;
-        // The path of a ray is known at its end alone, and not where the ray passes a detector.
-        let passes = ir.detectors.iter().any(|detector| !detector.absorb);
-        if options.path_filter.is_some() && passes {
-            return Err(Error::NoWayBack("a filter of paths and detectors that light passes".into()));
-        }
-        if !draft.program.bakes_records() {
-            return Err(Error::NoWayBack("a table of many surfaces".into()));
-        }
-        let parse = |wgsl: String, precision| match (shelf, edit) {
-            (_, Some(edit)) => Parsed::of(edit(wgsl), precision).map(Arc::new),
-            (Some(shelf), None) => shelf.parsed(wgsl, precision),
-            (None, None) => Parsed::of(wgsl, precision).map(Arc::new),
-        };
-        let plan = draft.compose(gpu, ir, &NoExtension, parse, DispatchLimits::of)?;
-        let first = as_composed(ir, &options, &plan.program)?;
+    pub(crate) fn new(gpu: &'a Gpu, ir: &SceneIr, options: &TraceOptions, source: Source) -> Result<Self> {
+        let options = TraceOptions { collect: Collect::Adjoints, ..options.clone() };
+        let filter = Paths::of(&options).map(Additions::one).unwrap_or_default();
+        let again = Retrace::new(gpu, ir, &options, filter.and(Derivatives::Adjoints), source)?;
+        let first = as_composed(ir, &options, &again.plan.program, &again.additions.of_program())?;
         let layout = Layout::of(&first.parsed.module, Scalar::F64);
         if layout.num_numbers() > MOST_NUMBERS {
             return Err(Error::NoWayBack(format!("{} numbers at once", layout.num_numbers())));
         }
-        let strict = options.is_strict(&gpu.info);
-        let stages = match shelf.filter(|_| edit.is_none()) {
-            Some(shelf) => shelf.stages(gpu, &plan.program, strict)?,
-            None => Stages::new(gpu, &plan.program, strict, &Additions::default()).map(Arc::new)?,
-        };
-        Ok(Walker { gpu, plan, first, layout, stages })
+        Ok(Walker { gpu, again, first, layout })
+    }
+
+    /// The derivatives of the program's numbers by each parameter.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if a small change of a parameter changes what the scene is made of.
+    pub(crate) fn jacobian(&self, options: &TraceOptions, parameters: &[Parameter]) -> Result<Vec<Numbers>> {
+        let all: Vec<&dyn ProgramAddition> = self.again.additions.of_program();
+        slopes(options, &self.again.plan.program, &self.first, parameters, &all)
     }
 
     /// Walks all rays back, from the adjoints of the detectors' cells, in units of the loss per unit of weight. Gives sums by
@@ -105,7 +88,8 @@ impl<'a> Walker<'a> {
         cell_adjoints: &[f64],
         mut keep_going: impl FnMut(u64) -> bool,
     ) -> Result<Vec<Walked>> {
-        let Walker { gpu, plan, layout, stages, .. } = self;
+        let Walker { gpu, again, layout, .. } = self;
+        let plan = &again.plan;
         let program = &plan.program;
         let (size, num_sums) = (program.real_size(), layout.num_sums());
         let mut cells = vec![0; cell_adjoints.len().max(1) * size];
@@ -125,34 +109,31 @@ impl<'a> Walker<'a> {
         let rows = gpu.buffer("sums of adjoints", room)?;
         let added =
             vec![(bindings::ADJOINTS, gpu.scene_buffer(&cells)?), (bindings::ADJOINT_SUMS, rows.clone())];
-        let additions = Additions { groups: vec![added], stages: Vec::new() };
-        let device = DeviceState::new(gpu, program, plan.batch, stages.clone(), &additions, None)?;
-        let (mut found, mut done) = (Vec::new(), 0);
-        let mut in_dispatch = FIRST_RAYS.next_multiple_of(rays_per_invocation).min(most);
-        for (source, rays) in plan.rays.iter().enumerate() {
-            let mut sums = vec![0.0; num_sums];
-            let mut first = 0;
-            while first < rays.count {
-                let count = in_dispatch.min(rays.count - first);
-                let start = Instant::now();
-                let range = RayRange::of(rays.first + first, count as u32, source);
-                // All events of a ray are in one dispatch.
-                submit_alone(&device, plan, &range, 1, |_| Ok(()))?;
-                let bytes = gpu.read(&rows, bytes_of(count))?;
-                for invocation in bytes.chunks_exact(num_sums * size) {
-                    for (sum, bytes) in sums.iter_mut().zip(invocation.chunks_exact(size)) {
-                        *sum += real_of(bytes, program.options.precision);
-                    }
-                }
-                if start.elapsed() < SHORT {
-                    in_dispatch = most.min(2 * in_dispatch);
-                }
-                first += count;
-                done += count;
-                if !keep_going(done) {
-                    return Err(Error::Interrupted);
-                }
-            }
+        let device = again.open(gpu, &ExtraBindings::of(added))?;
+        let in_dispatch = FIRST_RAYS.next_multiple_of(rays_per_invocation).min(most);
+        let spans: Vec<RaySpan> = (0..)
+            .zip(&plan.rays)
+            .map(|(source, rays)| RaySpan { first: rays.first, count: rays.count, source })
+            .collect();
+        let mut walking = Walking {
+            gpu,
+            rows: &rows,
+            precision: program.options.precision,
+            num_sums,
+            rays_per_invocation,
+            in_dispatch,
+            most,
+            sums: vec![vec![0.0; num_sums]; spans.len()],
+            done: 0,
+            keep_going: &mut keep_going,
+        };
+        // All events of a ray are in one dispatch.
+        let first = Batch { rays: in_dispatch, submissions: 1 };
+        if !trace_again(&device, plan, &spans, first, &mut walking)? {
+            return Err(Error::Interrupted);
+        }
+        let mut found = Vec::new();
+        for mut sums in walking.sums {
             let others = sums.split_off(num_sums - NUM_OTHER_SUMS);
             if others[2] > 0.0 {
                 return Err(Error::NoWayBack("loops of more rounds than the driver makes".into()));
@@ -160,6 +141,49 @@ impl<'a> Walker<'a> {
             found.push(Walked { numbers: sums, noted: others[0], num_lost: others[1] as u64 });
         }
         Ok(found)
+    }
+}
+
+/// Rays that are walked back.
+struct Walking<'a> {
+    gpu: &'a Gpu,
+    rows: &'a wgpu::Buffer,
+    precision: Precision,
+    num_sums: usize,
+    rays_per_invocation: u64,
+    in_dispatch: u64,
+    most: u64,
+    /// By source.
+    sums: Vec<Vec<f64>>,
+    done: u64,
+    keep_going: &'a mut dyn FnMut(u64) -> bool,
+}
+
+impl Retracing for Walking<'_> {
+    fn after(&mut self, range: &RayRange, start: Instant) -> Result<After> {
+        let size = real_bytes(self.precision);
+        let row_bytes = self.num_sums * size;
+        let num_rows = u64::from(range.count).div_ceil(self.rays_per_invocation);
+        let bytes = self.gpu.read(self.rows, num_rows * row_bytes as u64)?;
+        for invocation in bytes.chunks_exact(row_bytes) {
+            for (sum, bytes) in self.sums[range.source].iter_mut().zip(invocation.chunks_exact(size)) {
+                *sum += real_of(bytes, self.precision);
+            }
+        }
+        if start.elapsed() < SHORT {
+            self.in_dispatch = self.most.min(2 * self.in_dispatch);
+        }
+        self.done += u64::from(range.count);
+        let next = Batch { rays: self.in_dispatch, submissions: 1 };
+        Ok(if (self.keep_going)(self.done) { After::Next(next) } else { After::Stop })
+    }
+}
+
+/// Bytes of a real on a device.
+fn real_bytes(precision: Precision) -> usize {
+    match precision {
+        Precision::F32 => 4,
+        Precision::Df64 | Precision::F64 => 8,
     }
 }
 

@@ -1,0 +1,274 @@
+//! The one seam of the plain loop: what may be added to a trace.
+//!
+//! The loop holds a list of additions, asks each of them in the order of the methods below, and knows none by name. A
+//! method that is not overridden adds nothing, so a capability is a type with the few methods that it needs, in a room of
+//! its own. Its half in the program is [`ProgramAddition`]: slots, text, cells. No addition changes a bit of what the
+//! plain loop sums.
+
+use crate::engine::Engine;
+use crate::engine::device::DeviceState;
+use crate::engine::limits::DispatchLimits;
+use crate::engine::options::TraceOptions;
+use crate::engine::plan::Plan;
+use crate::engine::stages::ExtraBindings;
+use crate::error::Result;
+use crate::gpu::Gpu;
+use crate::model::SceneIr;
+use crate::program::addition::ProgramAddition;
+use crate::program::{Program, ProgramOptions, RayRange};
+use crate::result::Tally;
+use std::any::Any;
+
+/// An addition to the plain loop, with its methods in the order in which the engine calls them.
+pub(crate) trait Addition: ProgramAddition + Any {
+    /// Works on the host before the program is composed, such as a pilot trace, and changes how the program is composed.
+    /// `is_alone` is true if the trace has no other addition.
+    fn specialise(
+        &mut self,
+        _gpu: &Gpu,
+        _ir: &SceneIr,
+        _options: &TraceOptions,
+        _program: &mut ProgramOptions,
+        _is_alone: bool,
+    ) -> Result<()> {
+        Ok(())
+    }
+
+    /// Adds buffers, and uploads for each range, to the composed program. `all` are the additions of the trace.
+    fn pack(
+        &self,
+        _ir: &SceneIr,
+        _options: &TraceOptions,
+        _program: &mut Program,
+        _all: &[&dyn ProgramAddition],
+    ) -> Result<()> {
+        Ok(())
+    }
+
+    /// How large dispatches should be.
+    fn limits(&self, _program: &Program, limits: DispatchLimits) -> DispatchLimits {
+        limits
+    }
+
+    /// The buffers and stages that the program needs on a device, beside the engine's own.
+    fn open(&mut self, _gpu: &Gpu, _plan: &Plan) -> Result<ExtraBindings> {
+        Ok(ExtraBindings::default())
+    }
+
+    /// Sets the seed of the draws from now on.
+    fn set_seed(&mut self, _seed: u64) {}
+
+    /// Discards what an earlier trace left that failed half-way.
+    fn discard(&mut self) {}
+
+    /// Begins a trace that goes on from a tally.
+    fn begin(&mut self, _engine: &mut Engine, _tally: &mut Tally) -> Result<()> {
+        Ok(())
+    }
+
+    /// The largest number of rays in a range of a pass, where the addition chooses it.
+    fn range_rays(&self, _engine: &Engine) -> Option<u32> {
+        None
+    }
+
+    /// Traces a range into the device's sums, in the place of the plain stages. False if the addition did not.
+    fn trace(&mut self, _engine: &mut Engine, _range: &RayRange) -> Result<bool> {
+        Ok(false)
+    }
+
+    /// True if the addition keeps the device busy from one pass to the next. The engine then waits for no pass.
+    fn keeps_busy(&self) -> bool {
+        false
+    }
+
+    /// Asks the device after a pass. Passes ask ever more rarely, because an answer waits for the device.
+    fn after_pass(&mut self, _engine: &mut Engine) -> Result<()> {
+        Ok(())
+    }
+
+    /// True if the sums must be drained now.
+    fn is_full(&self) -> bool {
+        false
+    }
+
+    /// Prepares for the rays that are left. `seconds_left` is the time they will take \[s\], if it can be estimated
+    /// yet.
+    fn look_ahead(
+        &mut self,
+        _engine: &mut Engine,
+        _rays_left: u64,
+        _seconds_left: Option<f64>,
+    ) -> Result<()> {
+        Ok(())
+    }
+
+    /// Finishes the work that passes have left under way.
+    fn settle(&mut self, _engine: &mut Engine) -> Result<()> {
+        Ok(())
+    }
+
+    /// Adds to a tally what lies outside the sums of the devices.
+    fn drain(&mut self, _engine: &mut Engine, _tally: &mut Tally) -> Result<()> {
+        Ok(())
+    }
+
+    /// Ends a trace that came to its last ray.
+    fn finish(&mut self, _engine: &mut Engine, _tally: &mut Tally) -> Result<()> {
+        Ok(())
+    }
+
+    /// The devices that the addition has opened beside the engine's. All are drained in the same way.
+    fn devices(&self) -> &[DeviceState] {
+        &[]
+    }
+
+    /// From now on, traces on the engine's device alone.
+    fn keep_one_device(&mut self) {}
+}
+
+/// The additions of a trace, in their order; none for the plain loop.
+#[derive(Default)]
+pub(crate) struct Additions(Vec<Box<dyn Addition>>);
+
+impl Additions {
+    /// These additions.
+    pub(crate) fn new(additions: Vec<Box<dyn Addition>>) -> Self {
+        Additions(additions)
+    }
+
+    /// One addition.
+    pub(crate) fn one(addition: impl Addition) -> Self {
+        Additions(vec![Box::new(addition)])
+    }
+
+    /// With one more.
+    pub(crate) fn and(mut self, addition: impl Addition) -> Self {
+        self.0.push(Box::new(addition));
+        self
+    }
+
+    /// The addition of this type, if it is among them.
+    pub(crate) fn get<T: Addition>(&self) -> Option<&T> {
+        self.0.iter().find_map(|addition| (addition.as_ref() as &dyn Any).downcast_ref())
+    }
+
+    /// The halves of the program.
+    pub(crate) fn of_program(&self) -> Vec<&dyn ProgramAddition> {
+        self.0.iter().map(|addition| addition.as_ref() as &dyn ProgramAddition).collect()
+    }
+
+    /// As [`Addition::specialise`].
+    pub(crate) fn specialise(
+        &mut self,
+        gpu: &Gpu,
+        ir: &SceneIr,
+        options: &TraceOptions,
+        program: &mut ProgramOptions,
+    ) -> Result<()> {
+        let is_alone = self.0.len() == 1;
+        self.0.iter_mut().try_for_each(|addition| addition.specialise(gpu, ir, options, program, is_alone))
+    }
+
+    /// As [`Addition::pack`].
+    pub(crate) fn pack(&self, ir: &SceneIr, options: &TraceOptions, program: &mut Program) -> Result<()> {
+        let all = self.of_program();
+        self.0.iter().try_for_each(|addition| addition.pack(ir, options, program, &all))
+    }
+
+    /// As [`Addition::limits`].
+    pub(crate) fn limits(&self, program: &Program) -> DispatchLimits {
+        let plain = DispatchLimits::of(program);
+        self.0.iter().fold(plain, |limits, addition| addition.limits(program, limits))
+    }
+
+    /// As [`Addition::open`]. The number is of the additions that bind anything.
+    pub(crate) fn open(&mut self, gpu: &Gpu, plan: &Plan) -> Result<(ExtraBindings, usize)> {
+        let mut all = (ExtraBindings::default(), 0);
+        for addition in &mut self.0 {
+            let extra = addition.open(gpu, plan)?;
+            all.1 += usize::from(!extra.is_empty());
+            all.0 = all.0.with(extra);
+        }
+        Ok(all)
+    }
+
+    /// As [`Addition::set_seed`].
+    pub(crate) fn set_seed(&mut self, seed: u64) {
+        self.0.iter_mut().for_each(|addition| addition.set_seed(seed));
+    }
+
+    /// As [`Addition::discard`].
+    pub(crate) fn discard(&mut self) {
+        self.0.iter_mut().for_each(|addition| addition.discard());
+    }
+
+    /// As [`Addition::begin`].
+    pub(crate) fn begin(&mut self, engine: &mut Engine, tally: &mut Tally) -> Result<()> {
+        self.0.iter_mut().try_for_each(|addition| addition.begin(engine, tally))
+    }
+
+    /// As [`Addition::range_rays`].
+    pub(crate) fn range_rays(&self, engine: &Engine) -> u32 {
+        self.0.iter().find_map(|addition| addition.range_rays(engine)).unwrap_or_else(|| engine.size.rays())
+    }
+
+    /// Traces a range: in the plain way, unless an addition does.
+    pub(crate) fn trace(&mut self, engine: &mut Engine, range: &RayRange) -> Result<()> {
+        for addition in &mut self.0 {
+            if addition.trace(engine, range)? {
+                return Ok(());
+            }
+        }
+        engine.submit(range)
+    }
+
+    /// As [`Addition::keeps_busy`].
+    pub(crate) fn keeps_busy(&self) -> bool {
+        self.0.iter().any(|addition| addition.keeps_busy())
+    }
+
+    /// As [`Addition::after_pass`].
+    pub(crate) fn after_pass(&mut self, engine: &mut Engine) -> Result<()> {
+        self.0.iter_mut().try_for_each(|addition| addition.after_pass(engine))
+    }
+
+    /// As [`Addition::is_full`].
+    pub(crate) fn is_full(&self) -> bool {
+        self.0.iter().any(|addition| addition.is_full())
+    }
+
+    /// As [`Addition::look_ahead`].
+    pub(crate) fn look_ahead(
+        &mut self,
+        engine: &mut Engine,
+        rays_left: u64,
+        seconds_left: Option<f64>,
+    ) -> Result<()> {
+        self.0.iter_mut().try_for_each(|addition| addition.look_ahead(engine, rays_left, seconds_left))
+    }
+
+    /// As [`Addition::settle`].
+    pub(crate) fn settle(&mut self, engine: &mut Engine) -> Result<()> {
+        self.0.iter_mut().try_for_each(|addition| addition.settle(engine))
+    }
+
+    /// As [`Addition::drain`].
+    pub(crate) fn drain(&mut self, engine: &mut Engine, tally: &mut Tally) -> Result<()> {
+        self.0.iter_mut().try_for_each(|addition| addition.drain(engine, tally))
+    }
+
+    /// As [`Addition::finish`].
+    pub(crate) fn finish(&mut self, engine: &mut Engine, tally: &mut Tally) -> Result<()> {
+        self.0.iter_mut().try_for_each(|addition| addition.finish(engine, tally))
+    }
+
+    /// As [`Addition::devices`].
+    pub(crate) fn devices(&self) -> impl Iterator<Item = &DeviceState> {
+        self.0.iter().flat_map(|addition| addition.devices())
+    }
+
+    /// As [`Addition::keep_one_device`].
+    pub(crate) fn keep_one_device(&mut self) {
+        self.0.iter_mut().for_each(|addition| addition.keep_one_device());
+    }
+}

@@ -1,0 +1,130 @@
+//! Traces rays of a trace again, beside it: one set-up and one loop for all that asks the same rays another question.
+//!
+//! A second trace has a program of its own, whose draws and decisions are those of the first, because draws are keyed by
+//! ray ids. Light by its path takes one for its maps and one to learn sequences, and derivatives walk rays back.
+
+use crate::engine::addition::Additions;
+use crate::engine::device::DeviceState;
+use crate::engine::dispatch::submit_alone;
+use crate::engine::options::TraceOptions;
+use crate::engine::plan::Plan;
+use crate::engine::shelf::Shelf;
+use crate::engine::stages::{ExtraBindings, Stages};
+use crate::error::Result;
+use crate::gpu::Gpu;
+use crate::model::SceneIr;
+use crate::program::RayRange;
+use crate::program::parsed::Parsed;
+use crate::result::RaySpan;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// The program of a second trace, compiled.
+pub(crate) struct Retrace {
+    pub(crate) plan: Plan,
+    pub(crate) additions: Additions,
+    stages: Arc<Stages>,
+}
+
+/// Where the shaders of a second trace come from.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Source<'a> {
+    /// Compiled shaders of earlier traces.
+    pub(crate) shelf: Option<&'a Shelf>,
+    /// Changes the composed text: for tests that must notice a wrong shader.
+    pub(crate) edit: Option<&'a dyn Fn(String) -> String>,
+}
+
+impl Retrace {
+    /// Composes and compiles a scene.
+    pub(crate) fn new(
+        gpu: &Gpu,
+        ir: &SceneIr,
+        options: &TraceOptions,
+        mut additions: Additions,
+        source: Source,
+    ) -> Result<Self> {
+        let shelf = source.shelf.filter(|_| source.edit.is_none());
+        let plan = Plan::new(gpu, ir, options, &mut additions, |wgsl, precision, shaders| match shelf {
+            Some(shelf) => shelf.parsed(wgsl, precision, shaders),
+            None => {
+                let wgsl = source.edit.map_or(wgsl.clone(), |edit| edit(wgsl));
+                Parsed::of(wgsl, precision, shaders).map(Arc::new)
+            }
+        })?;
+        let strict = options.is_strict(&gpu.info);
+        let stages = match shelf {
+            Some(shelf) => shelf.stages(gpu, &plan.program, strict)?,
+            None => Arc::new(Stages::new(gpu, &plan.program, strict, &ExtraBindings::default())?),
+        };
+        Ok(Retrace { plan, additions, stages })
+    }
+
+    /// The program on a device, with these bindings.
+    pub(crate) fn open(&self, gpu: &Gpu, extra: &ExtraBindings) -> Result<DeviceState> {
+        DeviceState::new(gpu, &self.plan.program, self.plan.batch, self.stages.clone(), extra)
+    }
+}
+
+/// How the next rays are dispatched.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Batch {
+    /// Most rays of a range.
+    pub(crate) rays: u64,
+    /// In how many submissions the stages are made.
+    pub(crate) submissions: usize,
+}
+
+/// What follows a range.
+pub(crate) enum After {
+    /// The next rays.
+    Next(Batch),
+    /// The same rays again.
+    Again(Batch),
+    /// Nothing.
+    Stop,
+}
+
+/// What a second trace does about its ranges.
+pub(crate) trait Retracing {
+    /// A range is going to be traced.
+    fn before(&mut self, _range: &RayRange) {}
+
+    /// In further rounds of a range, counters may count so much.
+    fn rounds(&mut self, _counts: u64) -> Result<()> {
+        Ok(())
+    }
+
+    /// A range was submitted, at this moment.
+    fn after(&mut self, range: &RayRange, start: Instant) -> Result<After>;
+}
+
+/// Traces rays again, range by range. False if the work ended before the last ray.
+pub(crate) fn trace_again(
+    device: &DeviceState,
+    plan: &Plan,
+    spans: &[RaySpan],
+    mut batch: Batch,
+    work: &mut dyn Retracing,
+) -> Result<bool> {
+    for span in spans {
+        let (mut next, end) = (span.first, span.end());
+        while next < end {
+            let count = (end - next).min(batch.rays);
+            let range = RayRange::of(next, count as u32, span.source as usize);
+            work.before(&range);
+            let start = Instant::now();
+            submit_alone(device, plan, &range, batch.submissions, |counts| work.rounds(counts))?;
+            batch = match work.after(&range, start)? {
+                After::Next(batch) => {
+                    next += count;
+                    batch
+                }
+                After::Again(batch) => batch,
+                After::Stop => return Ok(false),
+            };
+        }
+    }
+    device.check_loops_of_second_trace(&plan.program)?;
+    Ok(true)
+}

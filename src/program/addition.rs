@@ -1,0 +1,157 @@
+//! What an addition to the plain loop asks of a program. The host's half of an addition is `engine::Addition`.
+//!
+//! The plain program is complete without additions, and traces every scene. An addition may take the place of the file
+//! of a slot ([`crate::program::wgsl::variants`]), and may add constants, functions and entry points. Nothing in the
+//! plain program knows an addition by name.
+
+use crate::error::Result;
+use crate::program::features::Features;
+use crate::program::layout::tables::Cells;
+use crate::program::options::ProgramOptions;
+use crate::program::prepared::Prepared;
+use crate::program::wgsl::composition::Composition;
+use crate::program::wgsl::text::Text;
+use crate::shaders::ShaderFile;
+use naga::{Module, Scalar};
+use std::any::Any;
+use std::fmt::Debug;
+use std::sync::Arc;
+
+/// What an addition asks of the program of any scene.
+pub trait ProgramAddition: Sync {
+    /// Changes how the program is specialised, now that the features of the scene are known.
+    fn prepare(&self, features: &Features, options: &mut ProgramOptions) {
+        let _ = (features, options);
+    }
+
+    /// Adds cells to the cells of a scene.
+    ///
+    /// # Errors
+    /// [`crate::Error::Usage`] if there are too many to number.
+    fn cells(&self, cells: Cells) -> Result<Cells> {
+        Ok(cells)
+    }
+
+    /// True if the device must sum weights even where a count of rays would give their sum.
+    fn sums_weights(&self) -> bool {
+        false
+    }
+
+    /// The WGSL for a scene.
+    fn shader(&self, scene: &Prepared) -> Arc<dyn ShaderAddition>;
+}
+
+/// The WGSL that an addition gives to the module of a scene. A method that is not overridden leaves the plain module as
+/// it is.
+pub trait ShaderAddition: Debug + Any + Send + Sync {
+    /// The file that takes the place of a slot's own. The slot is named by its stem, such as `sums/ends`.
+    fn replaces(&self, slot: &str) -> Option<ShaderFile> {
+        let _ = slot;
+        None
+    }
+
+    /// Adds constants, files and entry points, with comments that name their origin.
+    ///
+    /// # Errors
+    /// [`crate::Error::Usage`] if the precision cannot hold a number.
+    fn add(&self, composition: &Composition, text: &mut Text) -> Result<()> {
+        let _ = (composition, text);
+        Ok(())
+    }
+
+    /// Statements with which every entry point begins, before its first branch.
+    fn begin(&self) -> &'static str {
+        ""
+    }
+
+    /// The entry point that follows new rays, in the place of the plain one.
+    fn entry_point(&self) -> Option<&'static str> {
+        None
+    }
+
+    /// Most rows for the host that one launched ray makes beside those of the plain loop.
+    fn rows_per_ray(&self, max_depth: u32) -> u64 {
+        let _ = max_depth;
+        0
+    }
+
+    /// Rewrites the parsed module. Gives the module and its text.
+    ///
+    /// # Errors
+    /// [`crate::Error::Internal`] if the module has something that the rewriting does not know.
+    fn rewrite(&self, module: &Module, real: Scalar) -> Result<Option<(Module, String)>> {
+        let _ = (module, real);
+        Ok(None)
+    }
+
+    /// True if a sum of the addition may count every event of a ray, and is not read within a range.
+    fn counts_events_unread(&self) -> bool {
+        false
+    }
+
+    /// True if deposits on detectors in passing are logged, and not added up by the device.
+    fn logs_passes(&self) -> bool {
+        false
+    }
+
+    /// True if the entry points take back what a ray has put into the bins since its birth (`keep_bins`,
+    /// `restore_bins`).
+    fn restores_bins(&self) -> bool {
+        false
+    }
+
+    /// True if the bin of this mirror is kept in registers even where the scene lies in tables.
+    fn keeps_bin_of(&self, primitive: usize) -> bool {
+        let _ = primitive;
+        false
+    }
+}
+
+/// What all additions give to the module of a scene, in their order.
+#[derive(Debug, Clone, Default)]
+pub struct ShaderAdditions(Vec<Arc<dyn ShaderAddition>>);
+
+impl ShaderAdditions {
+    /// What these additions give to a scene.
+    pub fn of(additions: &[&dyn ProgramAddition], scene: &Prepared) -> Self {
+        ShaderAdditions(additions.iter().map(|addition| addition.shader(scene)).collect())
+    }
+
+    /// What the addition of this type gives, if it is among them.
+    pub fn get<T: ShaderAddition>(&self) -> Option<&T> {
+        self.all().find_map(|addition| (addition as &dyn Any).downcast_ref())
+    }
+
+    /// Each of them.
+    pub fn all(&self) -> impl Iterator<Item = &dyn ShaderAddition> {
+        self.0.iter().map(AsRef::as_ref)
+    }
+
+    /// True if one of them has a property.
+    pub fn any(&self, has: impl Fn(&dyn ShaderAddition) -> bool) -> bool {
+        self.all().any(has)
+    }
+
+    /// The file that takes the place of a slot's own.
+    pub fn file(&self, slot: &str) -> Option<ShaderFile> {
+        self.all().find_map(|addition| addition.replaces(slot))
+    }
+
+    /// The entry point that follows new rays, in the place of the plain one.
+    pub fn entry_point(&self) -> Option<&'static str> {
+        self.all().find_map(ShaderAddition::entry_point)
+    }
+
+    /// Most rows for the host that one launched ray makes beside those of the plain loop.
+    pub fn rows_per_ray(&self, max_depth: u32) -> u64 {
+        self.all().map(|addition| addition.rows_per_ray(max_depth)).sum()
+    }
+
+    /// Rewrites the parsed module, if one of them does.
+    ///
+    /// # Errors
+    /// As [`ShaderAddition::rewrite`].
+    pub fn rewrite(&self, module: &Module, real: Scalar) -> Result<Option<(Module, String)>> {
+        self.all().find_map(|addition| addition.rewrite(module, real).transpose()).transpose()
+    }
+}

@@ -1,0 +1,104 @@
+//! Which additions a trace has: those that its options ask for, and what pays on its adapter.
+//!
+//! This is the one place that names the additions. [`COMPOSITIONS`] says which of them trace together.
+
+#[cfg(feature = "cpu")]
+use crate::cpu::{Choices, Cpu};
+use crate::derivatives::Derivatives;
+use crate::engine::addition::{Addition, Additions};
+use crate::engine::options::{Collect, TraceOptions};
+#[cfg(feature = "cpu")]
+use crate::gpu::Gpu;
+use crate::paths::Paths;
+
+/// How two additions trace together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Together {
+    /// Both are in one trace.
+    Yes,
+    /// [`Collect`] has one of them at a time: options cannot ask for both.
+    OneAtATime,
+    /// The second stands aside, which changes no bit of a result.
+    StandsAside,
+}
+
+/// What may be added to a trace.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// A table of light by its path.
+    PathTable,
+    /// A filter of light by its path.
+    PathFilter,
+    /// Maps of paths, from a second trace.
+    PathMaps,
+    /// What happens to each ray, from a second trace.
+    PathEvents,
+    /// Derivatives in forward mode.
+    Tangents,
+    /// Derivatives in reverse mode.
+    Adjoints,
+    /// What pays on processors.
+    Cpu,
+}
+
+/// Which additions trace together. A pair stands in the order of [`Kind`].
+pub const COMPOSITIONS: &[(Kind, Kind, Together)] = &[
+    (Kind::PathTable, Kind::PathFilter, Together::Yes),
+    (Kind::PathTable, Kind::PathMaps, Together::OneAtATime),
+    (Kind::PathTable, Kind::PathEvents, Together::OneAtATime),
+    (Kind::PathTable, Kind::Tangents, Together::OneAtATime),
+    (Kind::PathTable, Kind::Adjoints, Together::OneAtATime),
+    (Kind::PathTable, Kind::Cpu, Together::Yes),
+    (Kind::PathFilter, Kind::PathMaps, Together::Yes),
+    (Kind::PathFilter, Kind::PathEvents, Together::Yes),
+    (Kind::PathFilter, Kind::Tangents, Together::Yes),
+    (Kind::PathFilter, Kind::Adjoints, Together::Yes),
+    (Kind::PathFilter, Kind::Cpu, Together::Yes),
+    (Kind::PathMaps, Kind::PathEvents, Together::OneAtATime),
+    (Kind::PathMaps, Kind::Tangents, Together::OneAtATime),
+    (Kind::PathMaps, Kind::Adjoints, Together::OneAtATime),
+    (Kind::PathMaps, Kind::Cpu, Together::StandsAside),
+    (Kind::PathEvents, Kind::Tangents, Together::OneAtATime),
+    (Kind::PathEvents, Kind::Adjoints, Together::OneAtATime),
+    (Kind::PathEvents, Kind::Cpu, Together::StandsAside),
+    (Kind::Tangents, Kind::Adjoints, Together::OneAtATime),
+    (Kind::Tangents, Kind::Cpu, Together::StandsAside),
+    (Kind::Adjoints, Kind::Cpu, Together::StandsAside),
+];
+
+/// What options ask for.
+fn kinds(options: &TraceOptions) -> Vec<Kind> {
+    let collected = match options.collect {
+        Collect::Light => None,
+        Collect::Paths { .. } => Some(Kind::PathTable),
+        Collect::PathMaps(_) => Some(Kind::PathMaps),
+        Collect::Events { .. } => Some(Kind::PathEvents),
+        Collect::Tangents(_) => Some(Kind::Tangents),
+        Collect::Adjoints => Some(Kind::Adjoints),
+    };
+    let filter = options.path_filter.as_ref().map(|_| Kind::PathFilter);
+    collected.into_iter().chain(filter).collect()
+}
+
+/// How what pays on processors traces together with what is asked for.
+#[cfg(feature = "cpu")]
+fn stands_aside(asked: Kind) -> bool {
+    COMPOSITIONS.contains(&(asked, Kind::Cpu, Together::StandsAside))
+}
+
+/// The additions that options ask for.
+pub(crate) fn of_options(options: &TraceOptions) -> Additions {
+    let paths = Paths::of(options).map(|paths| Box::new(paths) as Box<dyn Addition>);
+    let derivatives = Derivatives::of(options).map(|derivatives| Box::new(derivatives) as Box<dyn Addition>);
+    Additions::new(paths.into_iter().chain(derivatives).collect())
+}
+
+/// The additions that options ask for, and what pays on the adapter.
+#[cfg(feature = "cpu")]
+pub(crate) fn for_adapter(gpu: &Gpu, options: &TraceOptions, choices: &Choices) -> Additions {
+    let asked = of_options(options);
+    match Cpu::for_adapter(gpu, options, choices) {
+        Some(cpu) if !kinds(options).into_iter().any(stands_aside) => asked.and(cpu),
+        _ => asked,
+    }
+}
