@@ -225,7 +225,11 @@ fn crafted_sums_are_refused_and_nothing_panics() {
     let bytes = whole.to_bytes().unwrap();
     let gpu = has_adapter("crafted sums that a trace goes on from")
         .then(|| Gpu::open(&AdapterChoice::default()).unwrap());
-    let options = TraceOptions { num_rays: 1000, path_table: true, path_rows: 8, ..TraceOptions::default() };
+    let options = TraceOptions {
+        num_rays: 1000,
+        collect: nsq_gpu::run::Collect::Paths { rows: 8, ends: false },
+        ..TraceOptions::default()
+    };
     let mut tracer = gpu.as_ref().map(|gpu| Tracer::new(gpu, &ir, &options).unwrap());
     let (mut num_refused, mut num_taken, mut num_resumed) = (0, 0, 0);
     for seed in 0..NUM {

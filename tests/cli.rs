@@ -5,7 +5,7 @@
 use assert_cmd::Command;
 use assert_cmd::cargo::CommandCargoExt;
 use nsq_gpu::gpu::{AdapterChoice, AdapterInfo, Gpu};
-use nsq_gpu::program::{PathSampling, PathSums, Precision, Program, ProgramOptions, Sampler, SecondMoments};
+use nsq_gpu::program::{PathSampling, Precision, Program, ProgramOptions, Sampler, SecondMoments};
 use nsq_gpu::{Error, Scene, TraceOptions, Tracer};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -859,12 +859,6 @@ fn shader_prints_what_a_trace_compiles_and_where_it_comes_from() {
             let (origin, text) = part.split_once('\n').unwrap();
             if let Some(path) = origin.strip_prefix("shaders/") {
                 let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders").join(path);
-                // Where rays on wrong sides are looked for, other functions stand in the place of these.
-                let names = [("leave_boundary", "pass_boundary"), ("settle", "settle_end")];
-                let on_paths = [("begin_ray", "begin_on_path"), ("end_path", "end_on_path")];
-                let text = names.iter().chain(&on_paths).fold(text.to_string(), |text, (own, other)| {
-                    text.replace(&format!("fn {other}("), &format!("fn {own}("))
-                });
                 assert_eq!(text, format!("{}\n", std::fs::read_to_string(file).unwrap()), "{path}");
                 num_files += 1;
             } else {
@@ -962,15 +956,14 @@ fn compose(text: &str) -> Result<(), Error> {
             events_per_dispatch: 4,
             workgroup_size: 64,
             paths: PathSampling::None,
-            path_sums: PathSums::None,
-            path_ends: false,
-            path_filter: None,
             weights: vec![1.0; ir.sources.len()],
             sampler: Sampler::Pcg,
             most_rays_per_invocation: 1,
             vector_lanes: 0,
-            tangents: 0,
-            adjoints: false,
+            copies_numbers: false,
+            fixed_rays_per_invocation: None,
+            has_long_loops: false,
+            counts_wrong_sides: true,
             moments: SecondMoments::None,
             part_bytes: 1 << 27,
             live: false,

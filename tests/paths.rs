@@ -7,14 +7,21 @@
 
 mod zoo;
 
+use nsq_gpu::engine::options::DEFAULT_PATH_ROWS;
 use nsq_gpu::model::{End, PathFilter, SceneIr};
+use nsq_gpu::paths::rows::TableOptions;
 use nsq_gpu::program::{Precision, Sampler};
 use nsq_gpu::result::{Grouping, LightPath, PathSum, PathTally, Tally};
-use nsq_gpu::run::paths::TableOptions;
+use nsq_gpu::run::Collect;
 use nsq_gpu::{TraceOptions, Tracer};
 
 fn with_table(num_rays: u64, precision: Precision) -> TraceOptions {
-    TraceOptions { path_table: true, ..zoo::options(num_rays, 16, precision) }
+    TraceOptions { collect: Collect::paths(), ..zoo::options(num_rays, 16, precision) }
+}
+
+/// A table of paths of so many rows.
+fn by_path(rows: u32, ends: bool) -> Collect {
+    Collect::Paths { rows, ends }
 }
 
 fn sums(tally: &Tally) -> &PathTally {
@@ -57,7 +64,8 @@ fn rows_add_up_to_what_detectors_and_ends_have_in_every_scene() {
         };
         let plain = zoo::trace_on(gpu, &ir, &zoo::options(3000, 16, precision));
         for has_ends in [false, true] {
-            let options = TraceOptions { path_ends: has_ends, ..with_table(3000, precision) };
+            let options =
+                TraceOptions { collect: by_path(DEFAULT_PATH_ROWS, has_ends), ..with_table(3000, precision) };
             let mut tally = zoo::trace_on(gpu, &ir, &options);
             let what = format!("{name}, {precision:?}");
             assert_rows_add_up(&ir, &tally, has_ends, &what);
@@ -135,8 +143,11 @@ fn parts_have_the_table_of_the_whole_also_where_sequences_are_more_than_rows() {
         ("kaleidoscope", 12, Precision::F64),
     ] {
         let ir = zoo::load(name);
-        let options =
-            TraceOptions { path_rows, path_ends: true, max_depth: 12, ..with_table(20_000, precision) };
+        let options = TraceOptions {
+            collect: by_path(path_rows, true),
+            max_depth: 12,
+            ..with_table(20_000, precision)
+        };
         let whole = zoo::trace(&ir, &options);
         assert_rows_add_up(&ir, &whole, true, name);
         let whole = sums(&whole);
@@ -167,7 +178,7 @@ fn a_table_that_was_full_has_the_rows_of_one_that_was_not() {
     let traced = |batch_size, path_rows| {
         let options = TraceOptions {
             batch_size: Some(batch_size),
-            path_rows,
+            collect: by_path(path_rows, false),
             max_depth: 20,
             ..with_table(8000, Precision::F32)
         };
@@ -190,7 +201,8 @@ fn a_table_that_was_full_has_the_rows_of_one_that_was_not() {
 fn a_table_that_is_taken_up_again_is_the_same() {
     for (name, path_rows) in [("cooke_triplet", 1 << 18), ("triplet_telescope_ghosts", 200)] {
         let ir = zoo::load(name);
-        let options = TraceOptions { path_rows, ..with_table(12_000, Precision::F32) };
+        let options =
+            TraceOptions { collect: by_path(path_rows, false), ..with_table(12_000, Precision::F32) };
         let whole = zoo::trace(&ir, &options);
         for position in [500, 4000] {
             let mut tracer = Tracer::new(zoo::gpu(), &ir, &options).unwrap();
@@ -238,9 +250,9 @@ fn plates(indices: &[f64], rr_start_flux: f64) -> SceneIr {
 
 /// The table of a trace, by what is a row.
 fn table(ir: &SceneIr, tally: &Tally, num_rays: u64, group: Grouping) -> Vec<LightPath> {
-    let unit = nsq_gpu::run::paths::flux_unit(ir, tally, num_rays);
+    let unit = nsq_gpu::paths::rows::flux_unit(ir, tally, num_rays);
     let options = TableOptions { group, ..TableOptions::default() };
-    nsq_gpu::run::paths::table(ir, tally, unit, Sampler::Pcg, &options).paths
+    nsq_gpu::paths::rows::table(ir, tally, unit, Sampler::Pcg, &options).paths
 }
 
 fn reflectance(n: f64) -> f64 {
@@ -345,7 +357,8 @@ fn tables_of_1e8_rays_are_the_same_in_one_part_in_two_and_in_seven() {
     for (name, path_rows) in [("kaleidoscope", 1000), ("integrating_sphere", 20)] {
         let ir = zoo::load(name);
         let num_rays: u64 = 100_000_000;
-        let options = TraceOptions { path_rows, ..with_table(num_rays, Precision::F32) };
+        let options =
+            TraceOptions { collect: by_path(path_rows, false), ..with_table(num_rays, Precision::F32) };
         let whole = zoo::trace(&ir, &options);
         assert_rows_add_up(&ir, &whole, false, name);
         let whole = sums(&whole);

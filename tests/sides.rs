@@ -281,7 +281,7 @@ fn rays_on_wrong_sides_are_the_same_however_they_are_traced() {
         assert_eq!(counts(&zoo::trace(&ir, &few)), expected, "batches");
         let queued = TraceOptions { events_per_dispatch: 3, ..options.clone() };
         assert_eq!(counts(&zoo::trace(&ir, &queued)), expected, "queue");
-        let table = TraceOptions { path_table: true, ..options.clone() };
+        let table = TraceOptions { collect: nsq_gpu::run::Collect::paths(), ..options.clone() };
         assert_eq!(counts(&zoo::trace(&ir, &table)), expected, "paths");
         assert_eq!(counts(&zoo::trace(&ir, &options.on_device())), expected, "sums on the device");
         let main_path = options.with(|choices| choices.main_path = When::Always);

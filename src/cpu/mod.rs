@@ -218,9 +218,15 @@ fn note_first_end(engine: &mut Engine, logs: &EndLogs) {
     engine.first_end = engine.first_end.or(logs.first_end());
 }
 
+impl ProgramAddition for Wanted {
+    fn shader(&self, scene: &Prepared) -> Arc<dyn ShaderAddition> {
+        Arc::new(CpuExtension::of(scene, self))
+    }
+}
+
 impl ProgramAddition for Cpu {
     fn shader(&self, scene: &Prepared) -> Arc<dyn ShaderAddition> {
-        Arc::new(CpuExtension::of(scene, &self.wanted))
+        self.wanted.shader(scene)
     }
 }
 

@@ -3,9 +3,9 @@
 use crate::table::Mutant;
 use crate::zoo;
 use nsq_gpu::cpu::{Choices, When};
-use nsq_gpu::engine::path_maps::{PathMaps, WantedMaps, Watched, trace_maps};
 use nsq_gpu::gpu::{Gpu, list_adapters};
 use nsq_gpu::model::{DetectorKind, RayDatabase, SceneIr};
+use nsq_gpu::paths::maps::{PathMaps, WantedMaps, Watched, trace_maps};
 use nsq_gpu::program::Precision;
 use nsq_gpu::program::rewrite::df64;
 use nsq_gpu::result::{RunInfo, Tally, TraceResult};
@@ -87,7 +87,7 @@ impl Bench {
         let edit = |wgsl| self.edit(wgsl);
         let num_maps = watched.iter().filter_map(|path| path.map).max().map_or(1, |last| last + 1);
         let wanted = WantedMaps { rays: &tally.rays, watched, num_maps };
-        trace_maps(setting.gpu(), ir, &setting.options, &wanted, edit, || true)
+        trace_maps(setting.gpu(), ir, &setting.options, &wanted, Some(&edit), || true)
             .unwrap_or_else(|error| panic!("{}: {error}", self.name()))
     }
 
@@ -131,26 +131,13 @@ impl Bench {
 
     fn edit(&self, wgsl: String) -> String {
         let Some(mutant) = self.mutant else { return wgsl };
-        let whole = (mutant.original(), mutant.mutated());
-        let renamed = (with_sides(&whole.0), with_sides(&whole.1));
-        for (original, mutated) in [whole, renamed] {
-            if wgsl.contains(&original) {
-                self.mutated.set(true);
-                return wgsl.replace(&original, &mutated);
-            }
+        let original = mutant.original();
+        if !wgsl.contains(&original) {
+            return wgsl;
         }
-        wgsl
+        self.mutated.set(true);
+        wgsl.replace(&original, &mutant.mutated())
     }
-}
-
-/// A file as it stands where rays on wrong sides are looked for: other functions have the names of some of its own.
-fn with_sides(text: &str) -> String {
-    let names =
-        [("leave_boundary", "pass_boundary"), ("settle", "settle_end"), ("begin_ray", "begin_on_path")];
-    let names = names.into_iter().chain([("end_path", "end_on_path")]);
-    names.fold(text.to_string(), |text, (own, other)| {
-        text.replace(&format!("fn {own}("), &format!("fn {other}("))
-    })
 }
 
 /// The folder of the project.

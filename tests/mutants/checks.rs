@@ -6,14 +6,15 @@ use crate::oracle::Oracle;
 use nsq_gpu::StandardError;
 use nsq_gpu::bench::stability::{StabilityCase, cases};
 use nsq_gpu::cpu::When;
-use nsq_gpu::engine::path_maps::{PathMaps, Watched};
+use nsq_gpu::engine::options::DEFAULT_PATH_ROWS;
 use nsq_gpu::model::surface_optics::splits;
 use nsq_gpu::model::{Detector, DetectorKind, End, Interaction, PathFilter, SceneIr, Sequence, Splat};
+use nsq_gpu::paths::maps::{PathMaps, Watched};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::paths::Places;
 use nsq_gpu::result::{DetectorTally, PathEventKind, Tally};
 use nsq_gpu::result::{FluxSum, PathSum};
-use nsq_gpu::run::RecordPaths;
+use nsq_gpu::run::{Collect, RecordPaths};
 use std::collections::BTreeMap;
 
 /// A check; its error says what was wrong.
@@ -164,8 +165,7 @@ fn ledger(bench: &Bench, scene_of: &Scene) -> Outcome {
 fn path_sums(bench: &Bench, scene_of: &Scene) -> Outcome {
     let ir = scene(&scene_of.name);
     let mut setting = scene_of.setting.clone();
-    setting.options.path_table = true;
-    setting.options.path_ends = true;
+    setting.options.collect = Collect::Paths { rows: DEFAULT_PATH_ROWS, ends: true };
     if setting.options.num_rays == Setting::default().options.num_rays {
         setting.options.num_rays = 20_000;
     }
@@ -208,7 +208,7 @@ fn path_sums(bench: &Bench, scene_of: &Scene) -> Outcome {
 fn path_filter(bench: &Bench, scene_of: &Scene) -> Outcome {
     let ir = scene(&scene_of.name);
     let mut setting = scene_of.setting.clone();
-    setting.options.path_table = true;
+    setting.options.collect = Collect::paths();
     setting.options.num_rays = 20_000;
     let whole = Bench::of_originals().path_tally(&ir, &setting)?;
     let filter = PathFilter::parse("reflections >= 2 or scatterings > 0", &ir).map_err(|e| e.to_string())?;
@@ -240,7 +240,7 @@ fn path_filter(bench: &Bench, scene_of: &Scene) -> Outcome {
 fn path_maps(bench: &Bench, scene_of: &Scene) -> Outcome {
     let ir = scene(&scene_of.name);
     let mut setting = scene_of.setting.clone();
-    setting.options.path_table = true;
+    setting.options.collect = Collect::paths();
     setting.options.num_rays = 20_000;
     setting.options.standard_error = StandardError::Off;
     let tally = Bench::of_originals().path_tally(&ir, &setting)?;

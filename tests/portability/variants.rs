@@ -3,6 +3,7 @@
 use glam::{DMat3, DVec2, DVec3};
 use nsq_gpu::cpu::added::Wanted;
 use nsq_gpu::cpu::path::main_path::{PilotPath, Way};
+use nsq_gpu::derivatives::Derivatives;
 use nsq_gpu::model::ShapeKind;
 use nsq_gpu::model::StepKind;
 use nsq_gpu::model::path_filter::{Comparison, Count, Events, Mark, Part, PathFilter, Pattern, Term};
@@ -17,9 +18,11 @@ use nsq_gpu::model::{
     Sampling, Scatter, SceneIr, Shape, SimpleCoating, Source, SourceKind, Spectral, Spectrum, Specular,
     Sphere, Splat, Surface, Tabulated, TabulatedCoating,
 };
-use nsq_gpu::program::wgsl::extension::Extend;
+use nsq_gpu::paths::{PathSums, Paths};
+use nsq_gpu::program::addition::ProgramAddition;
+use nsq_gpu::program::rewrite::jvp::{Parameter, Tangents};
 use nsq_gpu::program::{
-    PathSampling, PathSums, Precision, Program, ProgramOptions, Sampler, SecondMoments, SourceFunction,
+    PathSampling, Precision, Program, ProgramOptions, Sampler, SecondMoments, SourceFunction,
 };
 use std::sync::Arc;
 
@@ -66,10 +69,8 @@ pub struct Variant {
     pub side_paths: Vec<PilotPath>,
     /// Sums are bound in parts of at most so many bytes.
     pub part_bytes: u64,
-    /// The parameters of derivatives.
-    pub tangents: u32,
-    /// Rays are walked back.
-    pub adjoints: bool,
+    /// Derivatives, of some parameters or of a loss.
+    pub derivatives: Option<Derivatives>,
 }
 
 /// One feature.
@@ -522,8 +523,7 @@ impl Default for Variant {
             main_path: None,
             side_paths: Vec::new(),
             part_bytes: 1 << 27,
-            tangents: 0,
-            adjoints: false,
+            derivatives: None,
             moments: SecondMoments::None,
         }
     }
@@ -548,8 +548,13 @@ impl Variant {
         self.program_with(tier, &wanted)
     }
 
-    /// The program with an extension.
-    pub fn program_with(&self, tier: Tier, extend: &dyn Extend) -> Program {
+    /// The program with one more addition than those of the variant.
+    pub fn program_with(&self, tier: Tier, addition: &dyn ProgramAddition) -> Program {
+        let follows = self.path_sums != PathSums::None || self.path_filter.is_some();
+        let paths = follows.then(|| Paths::new(self.path_sums, self.path_filter.clone()));
+        let paths = paths.iter().map(|paths| paths as &dyn ProgramAddition);
+        let derivatives = self.derivatives.iter().map(|derivatives| derivatives as &dyn ProgramAddition);
+        let additions: Vec<&dyn ProgramAddition> = paths.chain(derivatives).chain([addition]).collect();
         let options = ProgramOptions {
             precision: tier.precision,
             native: tier.native,
@@ -562,21 +567,19 @@ impl Variant {
             events_per_dispatch: if self.queue { 4 } else { 16 },
             workgroup_size: 64,
             paths: self.paths,
-            path_sums: self.path_sums,
-            path_ends: true,
-            path_filter: self.path_filter.clone(),
             weights: (0..self.ir.sources.len()).map(|i| 1.0 + 0.25 * i as f64).collect(),
             sampler: self.sampler,
             moments: self.moments,
             most_rays_per_invocation: if self.host_sums { 8 } else { 1 },
             vector_lanes: 0,
-            tangents: self.tangents,
-            adjoints: self.adjoints,
             part_bytes: self.part_bytes,
-            live: self.tangents > 0 || self.adjoints,
+            live: self.derivatives.is_some(),
+            copies_numbers: false,
+            fixed_rays_per_invocation: None,
+            has_long_loops: false,
+            counts_wrong_sides: true,
         };
-        Program::extended(&self.ir, options, extend, 0, |wgsl| wgsl)
-            .unwrap_or_else(|error| panic!("{self:?}: {error}"))
+        Program::with(&self.ir, options, &additions, 0).unwrap_or_else(|error| panic!("{self:?}: {error}"))
     }
 }
 
@@ -650,13 +653,17 @@ pub fn everything_with_derivatives() -> Vec<Variant> {
     let with = |policy| {
         let mut variant = variant.clone();
         variant.ir.sampling.reflect_prob = policy;
-        [Variant { tangents: 3, ..variant.clone() }, Variant { adjoints: true, ..variant }]
+        let parameter = |name: &str| Parameter { name: name.into(), stencil: Vec::new() };
+        let tangents = Tangents { parameters: ["a", "b", "c"].map(parameter).to_vec() };
+        [Derivatives::Tangents(Arc::new(tangents)), Derivatives::Adjoints]
+            .map(|derivatives| Variant { derivatives: Some(derivatives), ..variant.clone() })
     };
     policies().into_iter().flat_map(with).collect()
 }
 
 fn path_sums() -> impl Iterator<Item = PathSums> {
-    [PathSums::None, PathSums::Totals, PathSums::Maps(3), PathSums::Told].into_iter()
+    let totals = PathSums::Totals { rows: 1 << 18, ends: true };
+    [PathSums::None, totals, PathSums::Maps(3), PathSums::Events { ends: true }].into_iter()
 }
 
 /// A filter that asks for all that filters can ask for.
