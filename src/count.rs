@@ -1,5 +1,19 @@
 //! Numbers of rays as people write them: `1e7`, `10M`, `250000`.
 
+/// Beyond 2^53, a float no longer determines which integer was meant.
+const MOST_IN_FLOATS: f64 = 9007199254740992.0;
+
+/// The count that a number is, such as 1e7.
+///
+/// # Errors
+/// What is wrong, for a number that is no count.
+pub fn of_number(number: f64) -> Result<u64, String> {
+    if number.fract() != 0.0 || !(0.0..=MOST_IN_FLOATS).contains(&number) {
+        return Err(format!("{number} is not a number of rays; give a whole number up to 2^53, such as 1e7"));
+    }
+    Ok(number as u64)
+}
+
 /// Parses a count of rays; suffixes are k, M, G and B (1e3, 1e6, 1e9, 1e9).
 pub fn parse(text: &str) -> Result<u64, String> {
     let expected = || format!("`{text}` is not a number of rays; write 250000, 1e7 or 10M");
@@ -17,8 +31,7 @@ pub fn parse(text: &str) -> Result<u64, String> {
     if count.fract() != 0.0 || count < 0.0 {
         return Err(expected());
     }
-    // Beyond 2^53, a float no longer determines which integer was meant.
-    if count > 9007199254740992.0 {
+    if count > MOST_IN_FLOATS {
         return Err(format!(
             "`{text}` is too many: beyond 2^53, about 9e15, numbers are read in digits alone, up to {}",
             u64::MAX
@@ -29,7 +42,7 @@ pub fn parse(text: &str) -> Result<u64, String> {
 
 #[cfg(test)]
 mod tests {
-    use crate::count::parse;
+    use crate::count::{of_number, parse};
 
     #[test]
     fn counts_read_as_people_write_them() {
@@ -46,6 +59,10 @@ mod tests {
         for text in ["", "M", "-1", "1.5", "1e30", "nan", "inf", "ten"] {
             assert!(parse(text).is_err(), "{text}");
         }
+        for number in [-1.0, 1.5, 1e16, f64::NAN, f64::INFINITY] {
+            assert!(of_number(number).is_err(), "{number}");
+        }
+        assert_eq!(of_number(1e7), Ok(10_000_000));
         assert!(parse("1e18").unwrap_err().contains("2^53"));
     }
 }

@@ -59,6 +59,17 @@ impl Error {
         Error::Scene { place: place.into(), problem: problem.into(), remedy: remedy.into() }
     }
 
+    /// The same error. If it is about a scene's contents, the scene's name stands before the place.
+    #[must_use]
+    pub fn in_scene(self, name: &str) -> Self {
+        match self {
+            Error::Scene { place, problem, remedy } => {
+                Error::Scene { place: format!("{name}: {place}"), problem, remedy }
+            }
+            other => other,
+        }
+    }
+
     /// An internal error that wraps another error with the causes of that error: naga names the faulty expression
     /// there.
     pub fn internal(what: &str, error: &dyn std::error::Error) -> Self {

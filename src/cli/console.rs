@@ -11,17 +11,7 @@ use std::path::Path;
 
 /// Reads a scene. An error about its contents begins with the file's name, because a script may trace many files.
 pub(crate) fn read_scene(path: &Path) -> Result<Scene> {
-    Scene::from_path(path).map_err(|error| named(error, &path_text(path)))
-}
-
-/// An error about a scene's contents, with the scene's name before the place.
-pub(crate) fn named(error: Error, name: &str) -> Error {
-    match error {
-        Error::Scene { place, problem, remedy } => {
-            Error::Scene { place: format!("{name}: {place}"), problem, remedy }
-        }
-        other => other,
-    }
+    Scene::from_path(path).map_err(|error| error.in_scene(&path_text(path)))
 }
 
 /// Prints the result, which may hold names and paths of any kind, fit for a terminal. A closed pipe (`nsq-gpu ... | head`)

@@ -1,21 +1,19 @@
 //! `nsq-gpu diff`: what a change does, with standard errors of its own.
 
-use crate::cli::console::{choose_vectors, ended, named, read_scene, say};
+use crate::cli::console::{ended, read_scene, say};
 use crate::cli::pictures::PictureArgs;
-use crate::cli::progress::{Mode, Progress, Status};
+use crate::cli::progress::{Mode, ProgressMeter};
 use crate::cli::stops::{end_with_caller, stop_on_interrupt};
 use crate::cli::sweep::parse_number;
-use crate::cli::trace_args::{PrecisionArg, StandardErrorArg, TraceArgs};
+use crate::cli::trace_args::{StandardErrorArg, TraceArgs};
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu};
-use crate::model::depth;
-use crate::result::{RunInfo, SceneDifference, difference, output};
-use crate::run::TraceOptions;
-use crate::run::difference::{FIRST_STEP_RAYS, Pair};
+use crate::result::{SceneDifference, difference, output};
+use crate::run::difference::Pair;
+use crate::run::{Next, Run};
 use crate::scene::Scene;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
-use std::time::Instant;
 
 /// Arguments of `nsq-gpu diff`.
 #[derive(clap::Args)]
@@ -86,7 +84,7 @@ impl Args {
         }
         let text = Scene::text(path)?;
         let folder = path.parent().unwrap_or(Path::new(""));
-        let scene = Scene::with_numbers(&text, folder, &self.set).map_err(|error| named(error, &name))?;
+        let scene = Scene::with_numbers(&text, folder, &self.set).map_err(|error| error.in_scene(&name))?;
         let set: Vec<String> = self.set.iter().map(|(name, value)| format!("{name} = {value}")).collect();
         name += &format!(" with {}", set.join(", "));
         Ok((scene, name))
@@ -101,8 +99,7 @@ pub fn run(args: &Args) -> Result<String> {
     for ir in [&mut ir_a, &mut ir_b] {
         args.trace.override_sampling(ir)?;
     }
-    let in_f64 = matches!(args.trace.precision, PrecisionArg::Auto | PrecisionArg::F64);
-    choose_vectors(&ir_a, args.trace.num_rays, in_f64);
+    args.trace.choose_vectors(&ir_a);
     if args.watch_stdin {
         end_with_caller();
     }
@@ -114,37 +111,14 @@ pub fn run(args: &Args) -> Result<String> {
     }
     let stop = stop_on_interrupt()?;
     let gpu = Gpu::open(&AdapterChoice::of_command(args.adapter.as_deref(), args.portable))?;
-    let deepest = || pair.scenes().map(depth::of_scene).into_iter().max().unwrap_or(depth::OPTILANDS);
-    let options = TraceOptions {
-        max_depth: args.trace.max_depth.unwrap_or_else(deepest),
-        ..args.trace.options(&ir_a)?
-    }
-    .tuned(&gpu.info);
-    let choice = pair.choose_precision(&gpu, &options, args.trace.wanted())?;
-    let options = TraceOptions { precision: choice.precision, ..options };
-    let mut shown = Progress::new(args.progress, 2 * options.num_rays);
-    let start = Instant::now();
-    let found = pair.difference(&gpu, &options, |[a, b]| {
-        shown.update(&Status::of_rays(a + b, 2 * options.num_rays, start.elapsed()));
-        // A stop while shaders are compiled still has rays to keep.
-        b < FIRST_STEP_RAYS.min(options.num_rays) || !stop.load(Ordering::Relaxed)
+    let run = args.trace.set(Run::of(&a, &ir_a).on(&gpu))?;
+    let mut meter = ProgressMeter::new(args.progress);
+    let found = run.difference(&pair, &b, |status| {
+        meter.update(status);
+        Next::stop_if(stop.load(Ordering::Relaxed))
     })?;
-    shown.finish();
-    let mut scene_warnings = a.warnings_in(options.precision);
-    let of_b = b.warnings_in(options.precision);
-    let new: Vec<String> = of_b.into_iter().filter(|warning| !scene_warnings.contains(warning)).collect();
-    scene_warnings.extend(new);
-    let found = SceneDifference {
-        names: [args.a.display().to_string(), name_of_b],
-        run: RunInfo {
-            trace_time_sec: start.elapsed().as_secs_f64(),
-            precision_reason: choice.reason,
-            precision_warning: choice.warning,
-            scene_warnings,
-            ..found.run
-        },
-        ..found
-    };
+    meter.finish();
+    let found = SceneDifference { names: [args.a.display().to_string(), name_of_b], ..found };
     let warnings = found.run.scene_warnings.iter().chain(&found.run.precision_warning);
     warnings.for_each(|warning| say(&format!("warning: {warning}")));
     let written = args.output.as_ref().map(|dir| difference::write(dir, &found, pictures)).transpose();

@@ -1,10 +1,10 @@
 //! `nsq-gpu paths`: which paths light took, the strongest first.
 
-use crate::cli::console::{choose_vectors, ended, read_scene, say};
+use crate::cli::console::{ended, read_scene, say};
 use crate::cli::pictures::PictureArgs;
-use crate::cli::progress::{Mode, Progress, Status};
+use crate::cli::progress::{Mode, ProgressMeter};
 use crate::cli::stops::stop_on_interrupt;
-use crate::cli::trace_args::{PrecisionArg, SamplerArg, StandardErrorArg, TraceArgs};
+use crate::cli::trace_args::{SamplerArg, StandardErrorArg, TraceArgs};
 use crate::count;
 use crate::error::{Error, Result};
 use crate::format::pretty_json;
@@ -13,11 +13,9 @@ use crate::model::SceneIr;
 use crate::paths::rows::{PathMap, TableOptions, detector_of, flux_unit, table_with_maps};
 use crate::result::output::Extras;
 use crate::result::{
-    Detector, FluxUnit, Grouping, LightPath, PathTable, RunInfo, Sorting, StoppedBy, Tally, TraceResult,
-    output,
+    Detector, FluxUnit, Grouping, LightPath, PathTable, Sorting, StoppedBy, Tally, output,
 };
-use crate::run::stopping::Stopping;
-use crate::run::{Collect, StandardError, TraceOptions, Tracer, precision};
+use crate::run::{Collect, Next, Outcome, Run, StandardError};
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::time::Instant;
@@ -123,8 +121,7 @@ impl Args {
 pub fn run(args: &Args, start: Instant) -> Result<String> {
     let scene = read_scene(&args.scene)?;
     let mut ir = scene.lower()?;
-    let in_f64 = matches!(args.trace.precision, PrecisionArg::Auto | PrecisionArg::F64);
-    choose_vectors(&ir, args.trace.num_rays, in_f64);
+    args.trace.choose_vectors(&ir);
     args.trace.override_sampling(&mut ir)?;
     let has_errors = match (args.trace.target_error, args.trace.standard_error) {
         (Some(_), _) => Some("--target-error"),
@@ -147,62 +144,30 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     }
     let stop = stop_on_interrupt()?;
     let gpu = Gpu::open(&AdapterChoice::of_command(args.adapter.as_deref(), args.portable))?;
-    let options = TraceOptions {
-        max_depth: args.trace.max_depth.unwrap_or_else(|| crate::model::depth::of_scene(&ir)),
-        ..args.trace.options(&ir)?
-    };
-    let options = TraceOptions {
-        collect: Collect::Paths { rows: args.trace.path_rows()?, ends: args.ends },
+    let run = Run::of(&scene, &ir).named(args.scene.display()).since(start).on(&gpu);
+    let (run, rows) = (args.trace.set(run)?, args.trace.path_rows()?);
+    let run = run.change_options(|options| {
+        options.collect = Collect::Paths { rows, ends: args.ends };
         // Rows have errors of their own.
-        standard_error: if has_errors.is_some() { StandardError::On } else { StandardError::Off },
-        ..options
-    }
-    .tuned(&gpu.info);
-    let choice = precision::choose(&gpu, &ir, &options, args.trace.wanted())?;
-    let options = TraceOptions { precision: choice.precision, ..options };
-    let mut tracer = Tracer::new(&gpu, &ir, &options)?;
-    let mut stopping = Stopping::new(&ir, args.trace.target_error, args.trace.time_limit);
-    let begun = tracer.empty_tally();
-    stopping.prepare(&mut tracer, &begun)?;
-    let mut shown = Progress::new(args.progress, tracer.num_rays());
-    let mut stopped_by = None;
-    let trace_start = Instant::now();
-    let tally = tracer.go_on_checked(begun, |progress| {
-        stopped_by = stopping.after_pass(&ir, progress)?;
-        if stop.load(Ordering::Relaxed) {
-            stopped_by = Some(StoppedBy::Interrupt);
-        }
-        shown.update(&Status::of(progress, &stopping, &args.trace, 0));
-        Ok(stopped_by.is_none())
+        options.standard_error = if has_errors.is_some() { StandardError::On } else { StandardError::Off };
+    });
+    let mut meter = ProgressMeter::new(args.progress);
+    let is_stopped = || stop.load(Ordering::Relaxed);
+    let outcome = run.go_with(|pass| {
+        meter.update(&pass.status);
+        Ok(Next::stop_if(is_stopped()))
     })?;
-    shown.finish();
-    let trace_time_sec = trace_start.elapsed().as_secs_f64();
-    let partial = tally.launched.count < tracer.num_rays();
-    let run = RunInfo {
-        scene: Some(args.scene.display().to_string()),
-        num_rays: tracer.num_rays(),
-        precision_reason: choice.reason,
-        precision_warning: choice.warning,
-        trace_time_sec,
-        first_rays_sec: tracer.first_end().map(|end| (end - start).as_secs_f64()),
-        scene_warnings: scene.warnings_in(options.precision),
-        partial,
-        stopped_by: stopped_by.filter(|_| partial),
-        target_error: args.trace.target_error,
-        has_no_gpu: gpu.info.class.stands_in_for_gpu() && args.adapter.is_none(),
-        ..options.run_info(&gpu.info)
-    };
-    let found = tracer.found_paths();
-    let traced =
-        table_with_maps(&gpu, &ir, &options, &tally, &found, &listing, || !stop.load(Ordering::Relaxed))?;
+    meter.finish();
+    let Outcome { mut result, tally, options, found_paths, .. } = outcome;
+    let found = found_paths.iter().map(|(path, at)| (path, *at)).collect();
+    let traced = table_with_maps(&gpu, &ir, &options, &tally, &found, &listing, || !is_stopped())?;
     if !traced.is_whole {
         say("the second trace was interrupted: there are no centroids and no peaks");
     }
-    let mut result = TraceResult::new(&ir, &run, &tally)?;
     let is_stopped = result.run.stopped_by == Some(StoppedBy::Interrupt) || !traced.is_whole;
     let mut failure = is_stopped.then_some(Error::Interrupted);
     if let Some(dir) = &args.output {
-        let unit = flux_unit(&ir, &tally, tracer.num_rays());
+        let unit = flux_unit(&ir, &tally, result.run.num_rays);
         let rows = traced.table.paths.iter().zip(&traced.maps).take(MOST_WRITTEN);
         let mut written = result.clone();
         written.paths = Some(traced.table.clone());

@@ -1,11 +1,11 @@
 //! `nsq-gpu shader`: prints the WGSL that traces a scene, with the file that each part comes from.
 
-use crate::cli::console::{choose_vectors, read_scene};
-use crate::cli::trace_args::{PrecisionArg, wanted};
+use crate::cli::console::read_scene;
+use crate::cli::trace_args::{PrecisionArg, choose_vectors, wanted};
 use crate::error::Result;
 use crate::gpu::{AdapterChoice, Gpu};
 use crate::program::Precision;
-use crate::run::{TraceOptions, Tracer, precision};
+use crate::run::{Run, TraceOptions, Tracer};
 use std::path::PathBuf;
 
 /// Arguments of `nsq-gpu shader`.
@@ -27,14 +27,13 @@ pub struct Args {
 
 /// Returns the composed text, as `trace` compiles it without other options.
 pub fn run(args: &Args) -> Result<String> {
-    let ir = read_scene(&args.scene)?.lower()?;
-    let options = TraceOptions { max_depth: crate::model::depth::of_scene(&ir), ..Default::default() };
-    let in_f64 = matches!(args.precision, PrecisionArg::Auto | PrecisionArg::F64);
-    choose_vectors(&ir, options.num_rays, in_f64);
+    let scene = read_scene(&args.scene)?;
+    let ir = scene.lower()?;
+    choose_vectors(&ir, TraceOptions::default().num_rays, args.precision);
     let gpu = Gpu::open(&AdapterChoice::of_command(args.adapter.as_deref(), args.portable))?;
-    let options = options.tuned(&gpu.info);
-    let precision = precision::choose(&gpu, &ir, &options, wanted(args.precision))?.precision;
-    let tracer = Tracer::new(&gpu, &ir, &TraceOptions { precision, ..options })?;
+    let options = Run::of(&scene, &ir).precision(wanted(args.precision)).settle(&gpu)?.options;
+    let precision = options.precision;
+    let tracer = Tracer::new(&gpu, &ir, &options)?;
     let program = tracer.program();
     let pairs = match precision {
         Precision::Df64 => ", whose f64 are then rewritten as pairs of f32 (program::rewrite::df64)",

@@ -1,13 +1,13 @@
 //! The options of a trace that `nsq-gpu trace` and the requests of `nsq-gpu serve` share.
 
-use crate::cli::quantity;
+use crate::cli::{console, quantity};
 use crate::count;
 use crate::engine::options::MOST_PATH_ROWS;
 use crate::error::{Error, Result};
 use crate::model::{PathFilter, ReflectProb, Sampling, SceneIr};
 use crate::program::{Precision, Sampler};
 use crate::run::precision::Wanted;
-use crate::run::{Collect, StandardError, Strict, TraceOptions};
+use crate::run::{Collect, Run, StandardError, Strict, TraceOptions};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -165,10 +165,17 @@ pub fn wanted(precision: PrecisionArg) -> Wanted {
     }
 }
 
+/// Lets lavapipe compute in vectors as wide as suits a trace ([`console::choose_vectors`]).
+pub(crate) fn choose_vectors(ir: &SceneIr, num_rays: u64, precision: PrecisionArg) {
+    // On lavapipe, `auto` means f64.
+    let in_f64 = matches!(precision, PrecisionArg::Auto | PrecisionArg::F64);
+    console::choose_vectors(ir, num_rays, in_f64);
+}
+
 impl TraceArgs {
-    /// The precision that is asked for.
-    pub(crate) fn wanted(&self) -> Wanted {
-        wanted(self.precision)
+    /// As [`choose_vectors`].
+    pub(crate) fn choose_vectors(&self, ir: &SceneIr) {
+        choose_vectors(ir, self.num_rays, self.precision);
     }
 
     /// Most rows of the table of paths.
@@ -179,18 +186,28 @@ impl TraceArgs {
         })
     }
 
-    /// The options, but without precision, largest number of events and recorded paths.
-    pub(crate) fn options(&self, ir: &SceneIr) -> Result<TraceOptions> {
-        let standard_error = match (self.standard_error, self.target_error) {
-            (StandardErrorArg::Off, Some(_)) => {
-                return Err(Error::Usage(
-                    "--target-error needs standard errors; leave out --standard-error off".into(),
-                ));
-            }
-            (StandardErrorArg::On, _) | (_, Some(_)) => StandardError::On,
-            (StandardErrorArg::Auto, None) => StandardError::Auto,
-            (StandardErrorArg::Off, None) => StandardError::Off,
-        };
+    /// The run, with what these arguments ask for.
+    pub(crate) fn set<'a>(&self, run: Run<'a>) -> Result<Run<'a>> {
+        let options = self.options(run.model())?;
+        let mut run = run.options(options).precision(wanted(self.precision));
+        if let Some(max_depth) = self.max_depth {
+            run = run.max_depth(max_depth);
+        }
+        if let Some(limit) = self.time_limit {
+            run = run.time_limit(limit);
+        }
+        match self.target_error {
+            Some(target) => run.target_error(target),
+            None => Ok(run),
+        }
+    }
+
+    fn options(&self, ir: &SceneIr) -> Result<TraceOptions> {
+        if self.standard_error == StandardErrorArg::Off && self.target_error.is_some() {
+            return Err(Error::Usage(
+                "--target-error needs standard errors; leave out --standard-error off".into(),
+            ));
+        }
         let filter = self.filter.as_ref().map(|text| PathFilter::parse(text, ir)).transpose()?;
         let rows = self.path_rows()?;
         Ok(TraceOptions {
@@ -214,8 +231,11 @@ impl TraceArgs {
             },
             first_ray: self.first_ray.unwrap_or(0),
             of_rays: self.of_rays,
-            standard_error,
-            may_end_early: self.target_error.is_some() || self.time_limit.is_some(),
+            standard_error: match self.standard_error {
+                StandardErrorArg::Auto => StandardError::Auto,
+                StandardErrorArg::On => StandardError::On,
+                StandardErrorArg::Off => StandardError::Off,
+            },
             ..Default::default()
         })
     }

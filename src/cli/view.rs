@@ -1,6 +1,5 @@
 //! `nsq-gpu view`: opens a window on a trace or on results, or draws a picture of it.
 
-use crate::cli::console::named;
 use crate::cli::output_file::OutputFile;
 use crate::cli::stops::stop_on_interrupt;
 use crate::count;
@@ -165,7 +164,7 @@ fn refuse_options_of_traces(args: &Args) -> Result<()> {
 fn app(args: &Args, settings: Settings, notify: Notify) -> Result<App> {
     let device = Device::on(args.adapter.clone());
     let mut model = Model::open(&args.path, settings, device, notify)
-        .map_err(|error| named(error, &path_text(&args.path)))?;
+        .map_err(|error| error.in_scene(&path_text(&args.path)))?;
     if model.a().is_some() {
         refuse_options_of_traces(args)?;
     }

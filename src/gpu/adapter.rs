@@ -242,6 +242,11 @@ impl Gpu {
         self.adapter.get_info().subgroup_max_size
     }
 
+    /// True if a processor stands in for a GPU: none was found, and nobody named this adapter.
+    pub fn stands_in_for_gpu(&self) -> bool {
+        self.info.class.stands_in_for_gpu() && self.choice.name.is_none()
+    }
+
     /// True if the host can read a dispatch's output in place.
     pub fn has_shared_memory(&self) -> bool {
         self.device.features().contains(wgpu::Features::MAPPABLE_PRIMARY_BUFFERS)

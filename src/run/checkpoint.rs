@@ -292,7 +292,7 @@ fn check_is_own(path: &Path) -> Result<()> {
     }
 }
 
-fn encode(identity: &Identity, tally: &Tally) -> Result<Vec<u8>> {
+pub(crate) fn encode(identity: &Identity, tally: &Tally) -> Result<Vec<u8>> {
     let mut bytes = vec![0; HEADER_BYTES];
     bytes = postcard::to_extend(&(identity, tally), bytes)
         .map_err(|error| Error::Internal(format!("encoding the sums: {error}")))?;

@@ -9,19 +9,21 @@ use crate::engine::options::{StandardError, TraceOptions};
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::model::ray_id::NUM_REPLICATES;
-use crate::model::{PathFilter, SceneIr};
+use crate::model::{PathFilter, SceneIr, depth};
 use crate::program::{Precision, Sampler};
 use crate::result::difference::{Pairing, Spread, with_sources_of};
 use crate::result::{DetectorTally, FluxSum, FluxUnit, RunInfo, SceneDifference, Tally};
 use crate::run::blocks::{Blocks, MOST_BLOCK_RAYS, notes_of_few_rays, num_blocks};
 use crate::run::precision::{self, Choice, Wanted};
-use crate::run::{Shelf, Tracer};
+use crate::run::{Next, Run, Settled, Shelf, Status, Tracer};
+use crate::scene::Scene;
 use std::sync::Arc;
+use std::time::Instant;
 
 /// Blocks of rays, at least: the error of an error is then 9 %.
 const NUM_BLOCKS: u64 = 64;
 /// Rays of the first step of a trace. Both scenes have traced the same rays after each step, so that a stop keeps them.
-pub(crate) const FIRST_STEP_RAYS: u64 = 1 << 10;
+const FIRST_STEP_RAYS: u64 = 1 << 10;
 
 /// Two scenes that launch the same rays.
 pub struct Pair<'a> {
@@ -47,6 +49,40 @@ struct Sides {
     notes: Vec<String>,
 }
 
+impl Run<'_> {
+    /// Traces A and B, and gives A - B. The run is one of scene A; `b` is what was read of B. `next` gets how far both have
+    /// come, and says how to go on. After a stop there is what both have traced.
+    ///
+    /// # Errors
+    /// As [`Run::go`], and those of [`Pair::difference`].
+    pub fn difference(
+        self,
+        pair: &Pair<'_>,
+        b: &Scene,
+        mut next: impl FnMut(&Status) -> Next,
+    ) -> Result<SceneDifference> {
+        let run = Run { max_depth: self.max_depth.or_else(|| pair.depth()), ..self };
+        let (gpu, wanted) = (run.device()?, run.precision);
+        let Settled { options, info } =
+            run.settle_by(&gpu, |options| pair.choose_precision(&gpu, options, wanted))?;
+        let num_rays = options.num_rays;
+        let start = Instant::now();
+        let found = pair.difference(&gpu, &options, |[a, b]| {
+            let next = next(&Status::of_rays(a + b, 2 * num_rays, start.elapsed()));
+            // A stop while shaders are compiled still has rays to keep.
+            next == Next::GoOn || next == Next::Stop && b < FIRST_STEP_RAYS.min(num_rays)
+        })?;
+        let mut scene_warnings = info.scene_warnings;
+        let of_b = b.warnings_in(options.precision);
+        let new: Vec<String> = of_b.into_iter().filter(|warning| !scene_warnings.contains(warning)).collect();
+        scene_warnings.extend(new);
+        let RunInfo { partial, num_rays, .. } = found.run;
+        let trace_time_sec = start.elapsed().as_secs_f64();
+        let run = RunInfo { partial, num_rays, trace_time_sec, scene_warnings, ..info };
+        Ok(SceneDifference { run, ..found })
+    }
+}
+
 impl<'a> Pair<'a> {
     /// Pairs the sources of two scenes by their names.
     ///
@@ -64,6 +100,11 @@ impl<'a> Pair<'a> {
     /// A and B.
     pub fn scenes(&self) -> [&SceneIr; 2] {
         [self.a, &self.b]
+    }
+
+    /// The largest number of events that a ray of either scene should have.
+    fn depth(&self) -> Option<u32> {
+        self.scenes().map(depth::of_scene).into_iter().max()
     }
 
     /// The precision that both scenes need.

@@ -90,6 +90,16 @@ impl Stopping {
         Ok(self.time_limit.filter(|limit| progress.elapsed >= *limit).map(|_| StoppedBy::TimeLimit))
     }
 
+    /// The target for the relative error.
+    pub fn target_error(&self) -> Option<f64> {
+        self.target_error
+    }
+
+    /// The time limit.
+    pub fn time_limit(&self) -> Option<Duration> {
+        self.time_limit
+    }
+
     /// The largest relative error at the last check.
     pub fn relative_error(&self) -> Option<f64> {
         self.known.map(|known| known.error)

@@ -2,18 +2,17 @@
 //! messages on stdin and stdout. docs/reference/serve.md describes the messages.
 
 mod frames;
-pub(crate) mod requests;
-pub(crate) mod session;
+mod requests;
+mod traces;
 
-use crate::cli::progress::Status;
+use crate::cli::progress;
 use crate::cli::serve::frames::Incoming;
 use crate::cli::serve::requests::{Request, TraceRequest};
-use crate::cli::serve::session::{LossFound, Next, Session};
-use crate::cli::trace::missed_target;
 use crate::error::{Error, Result};
 use crate::gpu::AdapterChoice;
 use crate::result::{Report, TraceResult, npz_files, report};
 use crate::run::gradients::LossWithEdges;
+use crate::run::{LossDerivatives, Next, Session, Status, missed_target};
 use crate::scene::Scene;
 use serde_json::{Value, json};
 use std::collections::HashMap;
@@ -199,22 +198,19 @@ fn trace(
         return output.fail(id, &Error::Interrupted);
     }
     let traced = catch_unwind(AssertUnwindSafe(|| {
-        let mut next = |status: &Status| {
+        let next = |status: &Status| {
             let is_last = status.rays >= status.num_rays;
             // A stop is acknowledged: writing what was traced may take long.
             let is_due = request.progress && (is_last || told.elapsed() >= PROGRESS_INTERVAL);
             if is_due || flag.next() == Next::Stop {
                 told = Instant::now();
-                unsent = output.send(&progress(id, status));
+                unsent = output.send(&progress_of(id, status));
             }
             if unsent.is_ok() { flag.next() } else { Next::Cancel }
         };
         match &request.adjoints {
-            None => session.trace(request, next).map(|result| Answer::Traced(Box::new(result))),
-            Some(adjoints) => {
-                let keep_going = |status: &Status| next(status) == Next::GoOn;
-                session.loss_gradient(request, adjoints, keep_going).map(Answer::Loss)
-            }
+            None => request.trace(session, next).map(|result| Answer::Traced(Box::new(result))),
+            Some(adjoints) => request.loss_gradient(session, adjoints, next).map(Answer::Loss),
         }
     }));
     unsent?;
@@ -235,8 +231,8 @@ fn trace(
 }
 
 /// The message of the gradient of a loss by some parameters.
-fn loss_gradient(id: &Value, parameters: &[String], found: &LossFound) -> Value {
-    let LossFound { gradient, with_edges, not_confirmed } = found;
+fn loss_gradient(id: &Value, parameters: &[String], found: &LossDerivatives) -> Value {
+    let LossDerivatives { gradient, with_edges, not_confirmed } = found;
     let of_edges =
         |edges: &LossWithEdges| json!({"value": edges.value, "standard_error": edges.standard_error});
     let not_confirmed = not_confirmed.iter().map(|(number, edges)| {
@@ -258,9 +254,9 @@ fn loss_gradient(id: &Value, parameters: &[String], found: &LossFound) -> Value 
     })
 }
 
-fn progress(id: &Value, status: &Status) -> Value {
+fn progress_of(id: &Value, status: &Status) -> Value {
     let mut message = json!({"id": id, "reply": "progress"});
-    let fields = status.json().as_object().cloned().unwrap_or_default();
+    let fields = progress::json(status).as_object().cloned().unwrap_or_default();
     fields.into_iter().for_each(|(key, value)| message[key] = value);
     message
 }
@@ -268,7 +264,7 @@ fn progress(id: &Value, status: &Status) -> Value {
 /// What a request is answered with.
 enum Answer {
     Traced(Box<TraceResult>),
-    Loss(LossFound),
+    Loss(LossDerivatives),
 }
 
 /// Where answers go.

@@ -7,22 +7,15 @@
 mod points;
 mod values;
 
-use crate::cli::console::{choose_vectors, ended, named, say};
+use crate::cli::console::{ended, say};
 use crate::cli::output_file::OutputFile;
-use crate::cli::progress::Status;
-use crate::cli::serve::requests::TraceRequest;
-use crate::cli::serve::session::{Next, Session};
 use crate::cli::stops::stop_on_interrupt;
-use crate::cli::sweep::points::{Point, Points, Traced};
-use crate::cli::sweep::values::{
-    Distribution, Tolerances, Values, combinations, parse_tolerances, parse_values, samples,
-};
-use crate::cli::trace::missed_target;
-use crate::cli::trace_args::{PathsArg, PrecisionArg, TraceArgs};
+use crate::cli::sweep::values::{Tolerances, parse_tolerances, parse_values};
+use crate::cli::trace_args::{PathsArg, TraceArgs};
 use crate::error::{Error, Result};
-use crate::format::shown;
 use crate::gpu::{AdapterChoice, Native};
-use crate::run::RecordPaths;
+use crate::run::sweep::{Axis, Distribution, Sweep, Swept, combinations, samples};
+use crate::run::{Next, Session, missed_target};
 use crate::scene::Scene;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -42,7 +35,7 @@ pub struct Args {
     /// last unit counts for numbers without one). Several of these give every combination. Names with dots are quoted:
     /// '"a.b".r1=50,60'.
     #[arg(long, value_name = "NAME=VALUES", value_parser = parse_values)]
-    set: Vec<Values>,
+    set: Vec<Axis>,
     /// The values of several --set belong together: the first of each, then the second, and so on.
     #[arg(long)]
     zip: bool,
@@ -54,8 +47,8 @@ pub struct Args {
     #[arg(long, default_value_t = 100, requires = "tolerance", value_name = "N")]
     samples: u32,
     /// The distribution of the tolerances.
-    #[arg(long, value_enum, default_value_t = Distribution::Normal, requires = "tolerance")]
-    distribution: Distribution,
+    #[arg(long, value_enum, default_value_t = DistributionArg::Normal, requires = "tolerance")]
+    distribution: DistributionArg,
     /// The rays of the points: the same random numbers, so that differences between points have less noise, or each its
     /// own.
     #[arg(long, value_enum, default_value_t = Draws::Common)]
@@ -86,6 +79,24 @@ enum Draws {
     Own,
 }
 
+/// The distribution of a tolerance of size s.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum DistributionArg {
+    /// Normal, of standard deviation s.
+    Normal,
+    /// Uniform, from -s to s.
+    Uniform,
+}
+
+impl From<DistributionArg> for Distribution {
+    fn from(argument: DistributionArg) -> Self {
+        match argument {
+            DistributionArg::Normal => Distribution::Normal,
+            DistributionArg::Uniform => Distribution::Uniform,
+        }
+    }
+}
+
 /// Traces every point, writes the file, and returns the text for stdout.
 pub fn run(args: &Args) -> Result<String> {
     if args.set.is_empty() && args.tolerance.is_empty() {
@@ -101,80 +112,43 @@ pub fn run(args: &Args) -> Result<String> {
     let text = Scene::text(&args.scene)?;
     let folder = args.scene.parent().unwrap_or(Path::new("")).to_owned();
     let name = args.scene.display().to_string();
-    let ir = Scene::with_numbers(&text, &folder, &[]).map_err(|error| named(error, &name))?.lower()?;
-    let in_f64 = matches!(args.trace.precision, PrecisionArg::Auto | PrecisionArg::F64);
-    choose_vectors(&ir, args.trace.num_rays, in_f64);
-    let is_of_tolerances = !args.tolerance.is_empty();
-    let points = match is_of_tolerances {
+    let ir = Scene::with_numbers(&text, &folder, &[]).map_err(|error| error.in_scene(&name))?.lower()?;
+    args.trace.choose_vectors(&ir);
+    let has_nominal = !args.tolerance.is_empty();
+    let points = match has_nominal {
         false => combinations(&args.set, args.zip)?,
         true => {
             let tolerances: Vec<_> = args.tolerance.iter().flat_map(|some| some.0.iter().cloned()).collect();
-            samples(&text, &tolerances, args.distribution, args.trace.seed, args.samples)?
+            samples(&text, &tolerances, args.distribution.into(), args.trace.seed, args.samples)?
         }
     };
     let new_file = |path: &PathBuf| OutputFile::new(path, args.overwrite, &args.scene, |_| false);
     let file = args.output.as_ref().map(new_file).transpose()?;
     let stop = stop_on_interrupt()?;
     let choice = AdapterChoice { name: args.adapter.clone(), native: Native::Allowed, ..Default::default() };
-    let mut session = Session::new(choice);
-    let (mut found, mut warned, mut failure) = (Vec::new(), BTreeSet::new(), None);
-    let num_points = points.len() - usize::from(is_of_tolerances);
-    for (i, numbers) in points.into_iter().enumerate() {
-        let mut trace = args.trace.clone();
-        if args.draws == Draws::Own {
-            trace.seed = trace.seed.wrapping_add(i as u64);
-        }
-        let request = TraceRequest {
-            scene: text.clone(),
-            name: Some(name.clone()),
-            folder: folder.clone(),
-            set: numbers.clone(),
-            args: trace,
-            record_paths: RecordPaths::None,
-            live: None,
-            gradient: Vec::new(),
-            gradient_errors: false,
-            gradient_edges: false,
-            check_edges: false,
-            adjoints: None,
-            progress: false,
-        };
+    let (mut warned, mut missed) = (BTreeSet::new(), None);
+    let found = Sweep { text, folder, name, points, has_nominal }.go(
+        &mut Session::new(choice),
+        |point, run| {
+            let own = if args.draws == Draws::Own { point as u64 } else { 0 };
+            let trace = TraceArgs { seed: args.trace.seed.wrapping_add(own), ..args.trace.clone() };
+            trace.set(run.change_model(|ir| trace.override_sampling(ir))?)
+        },
         // A point that is stopped midway is left out.
-        let next = |_: &Status| if stop.load(Ordering::Relaxed) { Next::Cancel } else { Next::GoOn };
-        let not_finite = request.set.iter().find(|(_, value)| !value.is_finite());
-        let traced = match not_finite {
-            Some((name, value)) => {
-                Err(Error::scene(shown(name), format!("is {value}"), "give a finite number"))
-            }
-            None => session.trace(&request, next),
-        };
-        let outcome = match traced {
-            Ok(result) => {
-                let warnings = result.run.scene_warnings.iter().chain(&result.diagnostics.grave);
-                warnings
-                    .filter(|warning| warned.insert((*warning).clone()))
-                    .for_each(|text| say(&format!("warning: {text}")));
-                failure = failure.or_else(|| missed_target(&result).map(Error::Tolerance));
-                Ok(Traced::of(&result))
-            }
-            Err(Error::Scene { place, problem, remedy }) => Err(format!("{place}: {problem}; {remedy}")),
-            // The points before it took their time, and are kept.
-            Err(error) => {
-                failure = Some(error);
-                break;
-            }
-        };
-        // Samples are counted without the scene as it is, which comes first.
-        let index = i.saturating_sub(usize::from(is_of_tolerances));
-        found.push(Point { index, numbers, outcome });
-    }
-    let nominal = (is_of_tolerances && !found.is_empty()).then(|| found.remove(0));
-    let found = Points { num_points, nominal, points: found };
+        |_| if stop.load(Ordering::Relaxed) { Next::Cancel } else { Next::GoOn },
+        |result| {
+            let warnings = result.run.scene_warnings.iter().chain(&result.diagnostics.grave);
+            warnings
+                .filter(|warning| warned.insert((*warning).clone()))
+                .for_each(|text| say(&format!("warning: {text}")));
+            missed = missed.take().or_else(|| missed_target(result).map(Error::Tolerance));
+        },
+    );
     for point in found.refused().take(MOST_NAMED) {
         let problem = point.outcome.as_ref().err().map_or("", String::as_str);
         say(&format!("{}: {problem}", found.label(point)));
     }
-    let failure = failure.or_else(|| refusal(&found));
+    let failure = found.failure.clone().or(missed).or_else(|| refusal(&found));
     if found.nominal.is_none() && found.points.iter().all(|point| point.outcome.is_err()) {
         return Err(failure.unwrap_or(Error::Interrupted));
     }
@@ -193,7 +167,7 @@ fn is_json(path: &Path) -> bool {
 }
 
 /// The error of points that cannot be, of which the others are returned.
-fn refusal(found: &Points) -> Option<Error> {
+fn refusal(found: &Swept) -> Option<Error> {
     let first = found.refused().next()?;
     let (num_refused, num_points) = (found.refused().count(), found.points.len());
     let remedy = match found.is_of_tolerances() {

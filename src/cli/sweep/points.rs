@@ -1,86 +1,18 @@
 //! The points of a sweep, as JSON, as comma-separated values, and as tables for people.
 
-use crate::cli::sweep::values::Numbers;
 use crate::format::{csv_text, digits_beside, pretty_json, shown, significant};
-use crate::result::{FewRays, TraceResult, few_rays};
+use crate::result::few_rays;
+use crate::run::sweep::{SweepFlux, SweepFluxes, SweepPoint, Swept};
 use serde_json::{Map, Value, json};
 use std::fmt::Write;
 
-/// The points of a sweep: those that were traced, and those that could not be.
-pub(super) struct Points {
-    /// How many there were to be, without the scene as it is.
-    pub(super) num_points: usize,
-    /// Of tolerances, the scene as it is.
-    pub(super) nominal: Option<Point>,
-    pub(super) points: Vec<Point>,
-}
-
-/// What was set, and what was found.
-pub(super) struct Point {
-    /// Its place among all points, from 0 on.
-    pub(super) index: usize,
-    pub(super) numbers: Numbers,
-    pub(super) outcome: std::result::Result<Traced, String>,
-}
-
-/// A point that was traced.
-pub(super) struct Traced {
-    seed: u64,
-    num_rays: u64,
-    fluxes: Vec<Flux>,
-}
-
-/// A flux of a point.
-struct Flux {
-    /// That of a detector, or of a total.
-    name: String,
-    /// \[W\]
-    flux: f64,
-    /// Its standard error \[W\], where that is known.
-    error: Option<f64>,
-    /// What is known of a flux that rests on few rays.
-    few_rays: Option<FewRays>,
-}
-
-impl Traced {
-    pub(super) fn of(result: &TraceResult) -> Self {
-        let detectors = result.detectors.iter().map(|detector| Flux {
-            name: detector.name.clone(),
-            flux: detector.total_flux,
-            error: detector.total_flux_standard_error,
-            few_rays: detector.few_rays,
-        });
-        let totals = [
-            ("absorbed", result.total_flux_absorbed),
-            ("bulk absorbed", result.total_flux_bulk_absorbed),
-            ("escaped", result.total_flux_escaped),
-            ("lost", result.total_flux_lost),
-        ];
-        // A detector may have the name of a total.
-        let label = |name: &str| match result.detector(name) {
-            Some(_) => format!("{name} (total)"),
-            None => name.into(),
-        };
-        let totals = totals.map(|(name, flux)| Flux { name: label(name), flux, error: None, few_rays: None });
-        Traced {
-            seed: result.run.seed,
-            num_rays: result.num_rays_total,
-            fluxes: detectors.chain(totals).collect(),
-        }
-    }
-}
-
-impl Point {
-    fn traced(&self) -> Option<&Traced> {
-        self.outcome.as_ref().ok()
-    }
-
+impl SweepPoint {
     fn entry(&self) -> Value {
         let numbers: Map<String, Value> =
             self.numbers.iter().map(|(name, value)| (name.clone(), json!(value))).collect();
         match &self.outcome {
-            Ok(Traced { seed, num_rays, fluxes }) => {
-                let flux = |flux: &Flux| {
+            Ok(SweepFluxes { seed, num_rays, fluxes }) => {
+                let flux = |flux: &SweepFlux| {
                     let mut entry = json!({"flux": flux.flux, "standard_error": flux.error});
                     few_rays::add_to(&mut entry, flux.few_rays);
                     (flux.name.clone(), entry)
@@ -93,12 +25,7 @@ impl Point {
     }
 }
 
-impl Points {
-    /// True if a stop came before the last point.
-    pub(super) fn is_partial(&self) -> bool {
-        self.points.len() < self.num_points
-    }
-
+impl Swept {
     pub(super) fn is_of_tolerances(&self) -> bool {
         self.nominal.is_some()
     }
@@ -109,14 +36,9 @@ impl Points {
     }
 
     /// Which of the points this is, for people: `point 2 (L1.r1 = 50)`.
-    pub(super) fn label(&self, point: &Point) -> String {
+    pub(super) fn label(&self, point: &SweepPoint) -> String {
         let set = point.numbers.iter().map(|(name, value)| format!("{} = {value}", shown(name)));
         format!("{} {} ({})", self.kind(), point.index, set.collect::<Vec<_>>().join(", "))
-    }
-
-    /// The points that could not be traced.
-    pub(super) fn refused(&self) -> impl Iterator<Item = &Point> {
-        self.points.iter().filter(|point| point.outcome.is_err())
     }
 
     fn num_refused(&self) -> usize {
@@ -129,7 +51,7 @@ impl Points {
             "num_points": self.num_points,
             "num_refused": self.num_refused(),
             "partial": self.is_partial(),
-            "points": self.points.iter().map(Point::entry).collect::<Vec<_>>(),
+            "points": self.points.iter().map(SweepPoint::entry).collect::<Vec<_>>(),
         });
         if let Some(nominal) = &self.nominal {
             let mut entry = nominal.entry();
@@ -146,7 +68,7 @@ impl Points {
 
     fn columns(&self) -> Vec<Column> {
         let Some(first) = self.points.first() else { return Vec::new() };
-        let column = |kind, name: &str, value: &dyn Fn(&Point) -> Option<f64>| Column {
+        let column = |kind, name: &str, value: &dyn Fn(&SweepPoint) -> Option<f64>| Column {
             kind,
             name: name.into(),
             values: self.points.iter().map(value).collect(),
@@ -157,14 +79,14 @@ impl Points {
                 column(ColumnKind::Number, name, &|point| Some(point.numbers[i].1))
             })
             .collect();
-        let fluxes = self.points.iter().find_map(Point::traced).map_or(&[][..], |traced| &traced.fluxes);
-        for (i, Flux { name, .. }) in fluxes.iter().enumerate() {
-            let flux = |point: &Point| point.traced().map(|traced| traced.fluxes[i].flux);
-            let error = |point: &Point| point.traced().and_then(|traced| traced.fluxes[i].error);
+        let fluxes = self.points.iter().find_map(SweepPoint::traced).map_or(&[][..], |traced| &traced.fluxes);
+        for (i, SweepFlux { name, .. }) in fluxes.iter().enumerate() {
+            let flux = |point: &SweepPoint| point.traced().map(|traced| traced.fluxes[i].flux);
+            let error = |point: &SweepPoint| point.traced().and_then(|traced| traced.fluxes[i].error);
             columns.push(column(ColumnKind::Flux, name, &flux));
             let errors = column(ColumnKind::Error, name, &error);
             columns.extend(errors.values.iter().any(Option::is_some).then_some(errors));
-            let bound = |point: &Point| Some(point.traced()?.fluxes[i].few_rays?.upper_bound_95);
+            let bound = |point: &SweepPoint| Some(point.traced()?.fluxes[i].few_rays?.upper_bound_95);
             let bounds = column(ColumnKind::Bound, name, &bound);
             columns.extend(bounds.values.iter().any(Option::is_some).then_some(bounds));
         }
@@ -248,24 +170,6 @@ impl Points {
         text
     }
 
-    fn quantiles(&self) -> Vec<Quantiles> {
-        let nominal = self.nominal.as_ref().and_then(Point::traced).map_or(&[][..], |traced| &traced.fluxes);
-        let rows = nominal.iter().enumerate().map(|(i, Flux { name, flux, .. })| {
-            let traced = self.points.iter().filter_map(Point::traced);
-            let mut values: Vec<f64> = traced.map(|traced| traced.fluxes[i].flux).collect();
-            values.sort_by(f64::total_cmp);
-            // Between two samples the quantile is interpolated (Hyndman and Fan 1996, definition 7).
-            let quantile = |share: f64| {
-                let place = share * (values.len().saturating_sub(1)) as f64;
-                let (low, high) = (place.floor() as usize, place.ceil() as usize);
-                Some(values.get(low)? + (values.get(high)? - values.get(low)?) * place.fract())
-            };
-            let quantiles = [0.0, 0.05, 0.5, 0.95, 1.0].map(quantile);
-            Quantiles { name: name.clone(), nominal: *flux, quantiles }
-        });
-        rows.collect()
-    }
-
     fn quantile_table(&self) -> String {
         let (num_samples, num_refused) = (self.points.len(), self.num_refused());
         let of_which = match num_refused {
@@ -311,12 +215,4 @@ enum ColumnKind {
     Flux,
     Error,
     Bound,
-}
-
-/// A flux over the samples of tolerances.
-struct Quantiles {
-    name: String,
-    nominal: f64,
-    /// The least, those of 5, 50 and 95 %, and the most \[W\]; none without a sample.
-    quantiles: [Option<f64>; 5],
 }

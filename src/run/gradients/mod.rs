@@ -166,6 +166,11 @@ impl Differentiated {
         notes_of_few_rays(&self.ir, &self.traced_options(options), num_blocks(options.num_rays, NUM_BLOCKS))
     }
 
+    /// The number of parameters.
+    pub fn num_parameters(&self) -> u64 {
+        self.parameters.len() as u64
+    }
+
     /// How often all rays are traced.
     pub fn num_passes(&self) -> u64 {
         self.parameters.len().div_ceil(MOST_PARAMETERS) as u64
