@@ -6,7 +6,7 @@
 
 use nsq_gpu::gpu::{AdapterChoice, Gpu};
 use nsq_gpu::result::DetectorData;
-use nsq_gpu::{Error, Result, Scene, TraceOptions, TraceResult, Tracer};
+use nsq_gpu::{Error, Result, Run, Scene};
 use serde_json::{Value, json};
 
 /// A biconvex lens in a beam 20 mm wide, and a detector behind it; lengths in mm, wavelengths in um.
@@ -26,12 +26,10 @@ fn scene(detector_z: f64) -> Value {
 
 fn main() -> Result<()> {
     let gpu = Gpu::open(&AdapterChoice::default())?;
-    let options = TraceOptions { num_rays: 100_000, ..TraceOptions::default() };
     println!("z [mm]  flux [W]  peak [W/mm^2]");
     for z in [48.0, 50.0, 52.0, 53.0, 54.0, 55.0, 56.0] {
-        let model = Scene::from_json(&scene(z).to_string())?.lower()?;
-        let tally = Tracer::new(&gpu, &model, &options)?.trace(|_rays_done| true)?;
-        let result = TraceResult::new(&model, &options.run_info(&gpu.info), &tally)?;
+        let scene = Scene::from_json(&scene(z).to_string())?;
+        let result = Run::new(scene)?.on(&gpu).rays(1e5)?.go()?.result;
         let image = result.detector("image").ok_or_else(|| Error::Usage("no such detector".into()))?;
         if let DetectorData::Irradiance(map) = &image.data {
             let peak = map.irradiance.iter().copied().fold(0.0, f64::max);

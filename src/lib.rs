@@ -3,17 +3,13 @@
 //! A lens from a file, traced:
 //!
 //! ```
-//! use nsq_gpu::gpu::{AdapterChoice, Gpu};
-//! use nsq_gpu::{Result, Scene, TraceOptions, TraceResult, Tracer};
+//! use nsq_gpu::{Result, Run};
 //!
 //! # fn main() -> Result<()> {
 //! # if nsq_gpu::gpu::list_adapters().is_empty() { return Ok(()); }
-//! let model = Scene::from_path("docs/example.json".as_ref())?.lower()?;
-//! let gpu = Gpu::open(&AdapterChoice::default())?;
-//! let options = TraceOptions { num_rays: 100_000, ..TraceOptions::default() };
-//! let tally = Tracer::new(&gpu, &model, &options)?.trace(|_rays_done| true)?;
-//! let result = TraceResult::new(&model, &options.run_info(&gpu.info), &tally)?;
-//! assert!(result.ledger.closes());
+//! let outcome = Run::open("docs/example.json")?.rays(1e5)?.go()?;
+//! assert!(outcome.result.ledger.closes());
+//! println!("{}", outcome.result.report());
 //! # Ok(())
 //! # }
 //! ```
@@ -28,9 +24,9 @@
 //!            -> result   maps, ledger, diagnostics -> files, command, viewer, Python
 //! ```
 //!
-//! [`trace`] is the face of the engine: the tracer of a scene, when to stop, checkpoints, and the precision that a
-//! scene needs. [`cpu`] holds what is done otherwise on adapters that are processors, where most rays of a scene
-//! take one path. [`gpu`] holds the mechanics of wgpu and knows no optics.
+//! [`run`] is the face of the engine: a [`Run`] goes from options to the report, as `nsq-gpu trace` does. [`cpu`]
+//! holds what is done otherwise on adapters that are processors, where most rays of a scene take one path. [`gpu`]
+//! holds the mechanics of wgpu and knows no optics.
 //!
 //! [`folders`] knows where a user keeps settings and caches, `placing` puts files in their places, and [`mesa`] keeps
 //! drivers silent. [`cli`] is the only place that prints, and [`bench`] measures. The module `viewer`, behind the
@@ -75,5 +71,5 @@ pub mod viewer;
 
 pub use crate::error::{Error, Result};
 pub use crate::result::TraceResult;
-pub use crate::run::{Progress, StandardError, TraceOptions, Tracer};
+pub use crate::run::{Outcome, Progress, Run, StandardError, TraceOptions, Tracer};
 pub use crate::scene::Scene;

@@ -12,9 +12,7 @@ use crate::gpu::{AdapterChoice, Gpu};
 use crate::model::SceneIr;
 use crate::paths::rows::{PathMap, TableOptions, detector_of, flux_unit, table_with_maps};
 use crate::result::output::Extras;
-use crate::result::{
-    Detector, FluxUnit, Grouping, LightPath, PathTable, Sorting, StoppedBy, Tally, output,
-};
+use crate::result::{Detector, FluxUnit, Grouping, LightPath, PathTable, Sorting, StoppedBy, Tally, output};
 use crate::run::{Collect, Next, Outcome, Run, StandardError};
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;

@@ -118,8 +118,7 @@ impl Run<'_> {
         let of_edges = if with_edges { 2 * scene.num_parameters() } else { 0 };
         let num_rays = options.num_rays * (1 + of_edges);
         let start = Instant::now();
-        let mut keep_going =
-            |rays| next(&Status::of_rays(rays, num_rays, start.elapsed())) == Next::GoOn;
+        let mut keep_going = |rays| next(&Status::of_rays(rays, num_rays, start.elapsed())) == Next::GoOn;
         let gradient = scene.loss_gradient(&gpu, &options, how, adjoints, &mut keep_going)?;
         let (mut edges, mut not_confirmed) = (Vec::new(), Vec::new());
         let (own, shelf) = (options.num_rays, self.shelf);

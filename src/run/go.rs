@@ -119,9 +119,7 @@ impl<'a> Run<'a> {
     /// [`Error::Device`] if the device fails.
     pub fn settle(&self, gpu: &Gpu) -> Result<Settled> {
         self.settle_by(gpu, |options| {
-            let pilot = |ir: &SceneIr, options: &TraceOptions| {
-                self.tracer(gpu, ir, options)?.trace(|_| true)
-            };
+            let pilot = |ir: &SceneIr, options: &TraceOptions| self.tracer(gpu, ir, options)?.trace(|_| true);
             precision::choose_by(gpu, &self.model, options, self.precision, pilot)
         })
     }
@@ -157,8 +155,7 @@ impl<'a> Run<'a> {
                 Some(_) => StandardError::On,
                 None => options.standard_error,
             },
-            may_end_early: options.may_end_early
-                || self.target_error.is_some() || self.time_limit.is_some(),
+            may_end_early: options.may_end_early || self.target_error.is_some() || self.time_limit.is_some(),
             strict,
             live,
             ..options
@@ -204,7 +201,8 @@ impl<'a> Run<'a> {
         };
         let identity = Identity::new(model, self.name.clone(), &options, &gpu.info);
         let identity = if *rows == RowStorage::Sums { identity } else { identity.with_paths_apart() };
-        let same_file = resumed.as_ref().filter(|(path, _)| self.saves.as_ref().is_some_and(|to| to.path == *path));
+        let same_file =
+            resumed.as_ref().filter(|(path, _)| self.saves.as_ref().is_some_and(|to| to.path == *path));
         let rays_resumed = same_file.map(|(_, sums)| sums.tally.launched.count);
         let begun = resumed.map(|(path, sums)| self.beginning(&path, &identity, sums)).transpose()?;
         let rays_there = match (&self.saves, rays_resumed) {
@@ -260,9 +258,8 @@ impl<'a> Run<'a> {
         let saved = match &self.saves {
             None => Saved::NoFile,
             Some(_) if tally.launched.count < rays_there => Saved::Kept(rays_there),
-            Some(saves) => {
-                checkpoint::write(&saves.path, &identity, &tally).map_or_else(Saved::Failed, |()| Saved::Written)
-            }
+            Some(saves) => checkpoint::write(&saves.path, &identity, &tally)
+                .map_or_else(Saved::Failed, |()| Saved::Written),
         };
         if let Some(choice) = predicted() {
             (info.precision_reason, info.precision_warning) = (choice.reason, choice.warning);

@@ -230,10 +230,12 @@ impl<'a> Run<'a> {
     /// ([`StandardError::On`]).
     ///
     /// # Errors
-    /// [`Error::Usage`] if that is no fraction between 0 and 1.
+    /// [`Error::Usage`] if that is no fraction above 0, up to 1.
     pub fn target_error(self, fraction: f64) -> Result<Self> {
-        if !(fraction > 0.0 && fraction < 1.0) {
-            return Err(Error::Usage(format!("the target error is {fraction}; it must lie between 0 and 1")));
+        if !(fraction > 0.0 && fraction <= 1.0) {
+            return Err(Error::Usage(format!(
+                "the target error is {fraction}; give a fraction, such as 0.01"
+            )));
         }
         Ok(Run { target_error: Some(fraction), ..self })
     }

@@ -10,9 +10,8 @@ use crate::result::{
     DetectorTally, FluxSum, FluxUnit, Grouping, PathColumns, PathEvent, PathTable, RayPaths, RowWriter,
     Sorting, Tally,
 };
-use crate::run::stopping::Stopping;
-use crate::run::{Collect, RecordPaths, StandardError, Strict, TraceOptions, Tracer};
-use crate::viewer::tracing::{Background, Device, LoadedScene, Notify, PASS_TIME, RunOptions, trace_options};
+use crate::run::{Collect, Next, Outcome, RecordPaths, StandardError, Strict, TraceOptions, Tracer};
+use crate::viewer::tracing::{self, Background, Device, LoadedScene, Notify, RunOptions};
 use glam::DVec3;
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -115,20 +114,14 @@ pub(crate) fn follow(
     watch: &Watch,
     notify: &Notify,
 ) -> Result<Followed> {
-    let (gpu, ir) = (device.open()?, &scene.ir);
-    let (options, _) = trace_options(run, &gpu, ir)?;
-    let options = TraceOptions { collect: Collect::paths(), ..options };
-    let mut tracer = Tracer::new(&gpu, ir, &options)?;
-    tracer.set_pass_time(PASS_TIME);
-    let mut stopping = Stopping::new(ir, run.target_error, run.time_limit);
-    let begun = tracer.empty_tally();
-    stopping.prepare(&mut tracer, &begun)?;
-    let tally = tracer.go_on(begun, |progress| {
-        watch.done.store(progress.done, Ordering::Relaxed);
+    let gpu = device.open()?;
+    let run = tracing::run(scene, run, &gpu)?.change_options(|options| options.collect = Collect::paths());
+    let outcome = run.go_with(|pass| {
+        watch.done.store(pass.status.rays, Ordering::Relaxed);
         notify();
-        Ok(stopping.after_pass(ir, progress)?.is_none() && !watch.is_stopped())
+        Ok(Next::stop_if(watch.is_stopped()))
     })?;
-    let found = tracer.found_paths().into_iter().map(|(sequence, at)| (sequence.clone(), at)).collect();
+    let Outcome { options, tally, found_paths: found, .. } = outcome;
     Ok(Followed { scene: scene.clone(), options, tally, found })
 }
 

@@ -1,7 +1,7 @@
 //! The window of `nsq-gpu view`: a trace while it converges, or results from a folder.
 //!
 //! ```text
-//! tracing   a thread that folds passes, and a shelf with its latest result
+//! tracing   a thread that traces, and the latest of its results
 //! following light by its path, in the background: a table, maps of its rows, and their rays
 //! light     the table of the detector that is shown, and what is ticked and shown of it
 //! model     results, comparison, choices -> Picture (field, scale | spots); needs no window

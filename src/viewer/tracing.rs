@@ -1,4 +1,4 @@
-//! Tracing in the background: the interface takes the latest result from a shelf, and never waits.
+//! Tracing in the background: the interface takes the latest result, and never waits.
 //!
 //! The tracer has a device of its own, beside the device that draws. On a shared device, the interface waits for the
 //! lock of a queue that is busy with passes, and each frame queues behind a pass. A lost device would also take the
@@ -16,10 +16,9 @@ use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu};
 use crate::model::{PathFilter, SceneIr};
 use crate::program::Precision;
-use crate::result::{PathColumns, RunInfo, Tally, TraceResult};
-use crate::run::precision::{self, Choice, Wanted};
-use crate::run::stopping::Stopping;
-use crate::run::{Progress, RecordPaths, StandardError, TraceOptions, Tracer};
+use crate::result::{PathColumns, TraceResult};
+use crate::run::precision::Wanted;
+use crate::run::{Next, Pass, RecordPaths, Run, StandardError, TraceOptions};
 use crate::scene::Scene;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -106,7 +105,7 @@ pub enum State {
 
 /// The latest state and result, from the tracing thread.
 #[derive(Clone)]
-struct Shelf {
+struct Latest {
     state: State,
     rays: u64,
     seconds: f64,
@@ -122,7 +121,7 @@ struct Control {
 struct Shared {
     control: Mutex<Control>,
     changed: Condvar,
-    shelf: Mutex<Shelf>,
+    latest: Mutex<Latest>,
     notify: Notify,
 }
 
@@ -169,18 +168,18 @@ pub struct Job {
 impl Job {
     /// Begins to trace.
     pub fn start(device: &Device, scene: &Arc<LoadedScene>, options: &RunOptions, notify: Notify) -> Self {
-        let shelf = Shelf { state: State::Starting, rays: 0, seconds: 0.0, result: None };
+        let latest = Latest { state: State::Starting, rays: 0, seconds: 0.0, result: None };
         let shared = Arc::new(Shared {
             control: Mutex::default(),
             changed: Condvar::new(),
-            shelf: Mutex::new(shelf),
+            latest: Mutex::new(latest),
             notify,
         });
         let (device, scene, options) = (device.clone(), scene.clone(), options.clone());
         let (num_rays, worker) = (options.num_rays, shared.clone());
         let thread = std::thread::spawn(move || {
             if let Err(error) = trace(&worker, &device, &scene, &options) {
-                lock(&worker.shelf).state = State::Failed(error);
+                lock(&worker.latest).state = State::Failed(error);
             }
             (worker.notify)();
         });
@@ -210,18 +209,18 @@ impl Job {
 
     /// The state of the trace.
     pub fn state(&self) -> State {
-        lock(&self.shared.shelf).state.clone()
+        lock(&self.shared.latest).state.clone()
     }
 
     /// Rays done, and the time without pauses \[s\].
     pub fn progress(&self) -> (u64, f64) {
-        let shelf = lock(&self.shared.shelf);
-        (shelf.rays, shelf.seconds)
+        let latest = lock(&self.shared.latest);
+        (latest.rays, latest.seconds)
     }
 
     /// The latest result, if it has not been taken yet.
     pub fn take_result(&self) -> Option<Arc<TraceResult>> {
-        lock(&self.shared.shelf).result.take()
+        lock(&self.shared.latest).result.take()
     }
 
     /// True until the trace is finished or failed.
@@ -243,84 +242,55 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 /// Rays in one dispatch, and the time of a pass. Both are small, because some devices cannot interrupt a dispatch to
 /// draw a frame.
 const BATCH: u32 = 1 << 16;
-pub(super) const PASS_TIME: Duration = Duration::from_millis(15);
+const PASS_TIME: Duration = Duration::from_millis(15);
 
-pub(super) fn trace_options(options: &RunOptions, gpu: &Gpu, ir: &SceneIr) -> Result<(TraceOptions, Choice)> {
+/// A run of the scene with the options of the window.
+pub(super) fn run<'a>(scene: &'a LoadedScene, options: &RunOptions, gpu: &'a Gpu) -> Result<Run<'a>> {
     let traced = TraceOptions {
         num_rays: options.num_rays,
         seed: options.seed,
-        max_depth: options.max_depth,
         path_filter: options.filter.clone(),
         // The user wants to see the noise, whatever it costs.
         standard_error: StandardError::On,
-        may_end_early: options.target_error.is_some() || options.time_limit.is_some(),
         batch_size: Some(BATCH),
-        ..TraceOptions::default().tuned(&gpu.info)
+        ..TraceOptions::default()
     };
-    let wanted = options.precision.map_or(Wanted::Auto, Wanted::Exactly);
-    let choice = precision::choose(gpu, ir, &traced, wanted)?;
-    Ok((TraceOptions { precision: choice.precision, ..traced }, choice))
+    let mut run = Run::of(&scene.scene, &scene.ir)
+        .named(scene.path.display())
+        .on(gpu)
+        .options(traced)
+        .max_depth(options.max_depth)
+        .precision(options.precision.map_or(Wanted::Auto, Wanted::Exactly))
+        .predict_first()
+        .pass_time(PASS_TIME);
+    if let Some(limit) = options.time_limit {
+        run = run.time_limit(limit);
+    }
+    match options.target_error {
+        Some(target) => run.target_error(target),
+        None => Ok(run),
+    }
 }
 
 fn trace(shared: &Arc<Shared>, device: &Device, scene: &LoadedScene, wanted: &RunOptions) -> Result<()> {
     let gpu = device.open()?;
-    let (options, choice) = trace_options(wanted, &gpu, &scene.ir)?;
-    let mut tracer = Tracer::new(&gpu, &scene.ir, &options)?;
-    tracer.set_pass_time(PASS_TIME);
-    let mut observer = Observer {
-        shared,
-        scene,
-        run: RunInfo { target_error: wanted.target_error, ..run_info(scene, &options, choice, &gpu) },
-        stopping: Stopping::new(&scene.ir, wanted.target_error, wanted.time_limit),
-        clock: Clock::start(),
-        due: Instant::now(),
-    };
-    lock(&shared.shelf).state = State::Tracing;
-    let begun = tracer.empty_tally();
-    observer.stopping.prepare(&mut tracer, &begun)?;
-    let tally = tracer.go_on(begun, |progress| observer.after_pass(progress))?;
-    let result = observer.result(&tally)?;
-    let mut shelf = lock(&shared.shelf);
-    shelf.rays = result.num_rays_total;
-    shelf.seconds = result.run.trace_time_sec;
-    shelf.result = Some(Arc::new(result));
-    shelf.state = State::Finished;
+    let run = run(scene, wanted, &gpu)?;
+    let mut observer = Observer { shared, waited: Duration::ZERO, due: Instant::now() };
+    let mut result = run.go_with(|pass| observer.after_pass(pass))?.result;
+    result.run.trace_time_sec -= observer.waited.as_secs_f64();
+    let mut latest = lock(&shared.latest);
+    latest.rays = result.num_rays_total;
+    latest.seconds = result.run.trace_time_sec;
+    latest.result = Some(Arc::new(result));
+    latest.state = State::Finished;
     Ok(())
-}
-
-fn run_info(scene: &LoadedScene, options: &TraceOptions, choice: Choice, gpu: &Gpu) -> RunInfo {
-    RunInfo {
-        scene: Some(scene.path.display().to_string()),
-        precision_reason: choice.reason,
-        precision_warning: choice.warning,
-        scene_warnings: scene.scene.warnings_in(options.precision),
-        ..options.run_info(&gpu.info)
-    }
-}
-
-/// Measures time without the pauses.
-struct Clock {
-    start: Instant,
-    waited: Duration,
-}
-
-impl Clock {
-    fn start() -> Self {
-        Clock { start: Instant::now(), waited: Duration::ZERO }
-    }
-
-    fn seconds(&self) -> f64 {
-        self.start.elapsed().saturating_sub(self.waited).as_secs_f64()
-    }
 }
 
 /// Observes the trace from the tracing thread.
 struct Observer<'a> {
     shared: &'a Shared,
-    scene: &'a LoadedScene,
-    run: RunInfo,
-    stopping: Stopping,
-    clock: Clock,
+    /// Time of pauses.
+    waited: Duration,
     /// The time at which the next result should be shown.
     due: Instant,
 }
@@ -331,47 +301,33 @@ const INTERVAL: Duration = Duration::from_millis(120);
 const SHARE: u32 = 8;
 
 impl Observer<'_> {
-    fn result(&self, tally: &Tally) -> Result<TraceResult> {
-        let partial = tally.launched.count < self.run.num_rays;
-        let run = RunInfo {
-            trace_time_sec: self.clock.seconds(),
-            partial,
-            stopped_by: self.run.stopped_by.filter(|_| partial),
-            ..self.run.clone()
-        };
-        TraceResult::new(&self.scene.ir, &run, tally)
-    }
-
-    /// Shows a result if one is due; false stops the trace.
-    fn after_pass(&mut self, progress: &mut Progress<'_, '_>) -> Result<bool> {
+    /// Shows a result if one is due, and waits while the trace is paused.
+    fn after_pass(&mut self, pass: &mut Pass<'_, '_, '_>) -> Result<Next> {
         let asked = Instant::now();
+        let seconds = pass.status.elapsed.saturating_sub(self.waited).as_secs_f64();
         if asked >= self.due || lock(&self.shared.control).paused {
-            let result = self.result(progress.tally()?)?;
-            lock(&self.shared.shelf).result = Some(Arc::new(result));
+            let mut result = pass.result()?;
+            result.run.trace_time_sec = seconds;
+            lock(&self.shared.latest).result = Some(Arc::new(result));
             self.due = Instant::now() + INTERVAL.max(asked.elapsed() * SHARE);
         }
-        self.run.stopped_by = self.stopping.after_pass(&self.scene.ir, progress)?;
-        Ok(self.keep_going(progress.done) && self.run.stopped_by.is_none())
-    }
-
-    fn keep_going(&mut self, rays: u64) -> bool {
         {
-            let mut shelf = lock(&self.shared.shelf);
-            (shelf.rays, shelf.seconds) = (rays, self.clock.seconds());
+            let mut latest = lock(&self.shared.latest);
+            (latest.rays, latest.seconds, latest.state) = (pass.status.rays, seconds, State::Tracing);
         }
         (self.shared.notify)();
         let mut control = lock(&self.shared.control);
         if control.paused && !control.stopped {
             let since = Instant::now();
-            lock(&self.shared.shelf).state = State::Paused;
+            lock(&self.shared.latest).state = State::Paused;
             (self.shared.notify)();
             while control.paused && !control.stopped {
                 control = self.shared.changed.wait(control).unwrap_or_else(PoisonError::into_inner);
             }
-            lock(&self.shared.shelf).state = State::Tracing;
-            self.clock.waited += since.elapsed();
+            lock(&self.shared.latest).state = State::Tracing;
+            self.waited += since.elapsed();
         }
-        !control.stopped
+        Ok(Next::stop_if(control.stopped))
     }
 }
 
@@ -385,10 +341,10 @@ impl<T: Send + 'static> Background<T> {
     /// Begins the work.
     pub fn start(work: impl FnOnce() -> T + Send + 'static, notify: Notify) -> Self {
         let outcome = Arc::new(Mutex::new(None));
-        let shelf = outcome.clone();
+        let made_there = outcome.clone();
         let thread = std::thread::spawn(move || {
             let made = work();
-            *lock(&shelf) = Some(made);
+            *lock(&made_there) = Some(made);
             notify();
         });
         Background { thread, outcome }
@@ -424,10 +380,7 @@ pub fn record_paths(
 
 fn record(device: &Device, scene: &LoadedScene, options: &RunOptions) -> Result<Arc<PathColumns>> {
     let gpu = device.open()?;
-    let (options, choice) = trace_options(options, &gpu, &scene.ir)?;
-    let options = TraceOptions { paths: RecordPaths::All, ..options };
-    let tally = Tracer::new(&gpu, &scene.ir, &options)?.trace(|_| true)?;
-    let result = TraceResult::new(&scene.ir, &run_info(scene, &options, choice, &gpu), &tally)?;
+    let result = run(scene, options, &gpu)?.record_paths(RecordPaths::All).go()?.result;
     let none = || Error::Internal("no path was recorded".into());
     result.ray_paths.ok_or_else(none)?.columns().map(Arc::new)
 }

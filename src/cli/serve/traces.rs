@@ -8,6 +8,7 @@ use crate::run::gradients::Differentiated;
 use crate::run::{Derivatives, LossDerivatives, Next, RecordPaths, Run, Session, Status};
 use crate::scene::Scene;
 use ndarray::ArrayD;
+use std::time::Instant;
 
 impl TraceRequest {
     /// Traces, with derivatives if the request names parameters. `next` gets the status after each pass, and says how to go
@@ -18,16 +19,16 @@ impl TraceRequest {
         mut next: impl FnMut(&Status) -> Next,
     ) -> Result<TraceResult> {
         if self.gradient.is_empty() {
+            let start = Instant::now();
             let scene = Scene::with_numbers(&self.scene, &self.folder, &self.set);
             let run = Run::new(scene.map_err(|error| self.named(error))?)?;
             let run = run.change_model(|ir| self.args.override_sampling(ir))?;
-            let run = self.run(session, run)?.record_paths(self.record_paths);
+            let run = self.run(session, run)?.record_paths(self.record_paths).since(start);
             return Ok(run.go_with(|pass| Ok(next(&pass.status)))?.result);
         }
         self.refuse_options_of_one_trace("gradient")?;
         let scene = self.differentiated()?;
-        let asked =
-            Derivatives { without_errors: !self.gradient_errors, with_edges: self.gradient_edges };
+        let asked = Derivatives { without_errors: !self.gradient_errors, with_edges: self.gradient_edges };
         self.run(session, scene.run())?.differentiate(&scene, asked, next)?.into_result()
     }
 
