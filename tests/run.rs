@@ -48,10 +48,7 @@ fn a_run_gives_the_sums_and_the_report_of_the_command() {
             &["-n", "2e4", "--seed", "7", "--precision", "f32", "--max-depth", "9"],
             run(scene).rays(2e4).unwrap().seed(7).precision(f32).max_depth(9),
         ),
-        (
-            &["-n", "1e6", "--target-error", "5%"],
-            run(scene).rays(1e6).unwrap().target_error(0.05).unwrap(),
-        ),
+        (&["-n", "1e6", "--target-error", "5%"], run(scene).rays(1e6).unwrap().target_error(0.05).unwrap()),
     ];
     for (arguments, run) in cases {
         let (report, sums) = of_command(scene, arguments);
@@ -99,7 +96,10 @@ fn the_result_so_far_is_that_of_a_partial_trace() {
     });
     assert!(!outcome.unwrap().result.run.partial);
     assert!(partial.len() > 1, "{partial:?}");
-    assert!(partial.iter().all(|(rays, partial, closes)| *partial == (*rays < 300_000) && *closes), "{partial:?}");
+    assert!(
+        partial.iter().all(|(rays, partial, closes)| *partial == (*rays < 300_000) && *closes),
+        "{partial:?}"
+    );
 }
 
 #[test]
@@ -108,6 +108,9 @@ fn what_is_no_count_and_no_fraction_is_refused() {
         assert!(matches!(run("scenes/bench_lens.json").rays(rays), Err(Error::Usage(_))), "{rays}");
     }
     for target in [0.0, -0.1, 1.5, f64::NAN] {
-        assert!(matches!(run("scenes/bench_lens.json").target_error(target), Err(Error::Usage(_))), "{target}");
+        assert!(
+            matches!(run("scenes/bench_lens.json").target_error(target), Err(Error::Usage(_))),
+            "{target}"
+        );
     }
 }

@@ -14,7 +14,7 @@ use crate::model::SceneIr;
 use crate::result::png::Style;
 use crate::result::{Gradient, StageTime, StoppedBy, TraceResult, output, report};
 use crate::run::gradients::Differentiated;
-use crate::run::{Derivatives, Next, RecordPaths, RowStorage, Run, Saved, missed_target};
+use crate::run::{DerivativeOptions, Next, RecordPaths, RowStorage, Run, Saved, missed_target};
 use crate::scene::Scene;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -233,7 +233,7 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
     let stop = stop_on_interrupt()?;
     let gpu = Gpu::open(&AdapterChoice::of_command(args.adapter.as_deref(), args.portable))?;
     let run = args.trace.set(differentiated.run().named(args.scene.display()).on(&gpu))?;
-    let asked = Derivatives { with_edges: args.gradient_edges, ..Derivatives::default() };
+    let asked = DerivativeOptions { with_edges: args.gradient_edges, ..DerivativeOptions::default() };
     let mut meter = ProgressMeter::new(args.progress);
     let mut found = run.differentiate(&differentiated, asked, |status| {
         meter.update(status);

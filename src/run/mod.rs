@@ -10,8 +10,8 @@
 pub mod additions;
 mod blocks;
 pub mod checkpoint;
-mod derivatives;
 pub mod difference;
+mod differentiate;
 mod go;
 pub mod gradients;
 mod outcome;
@@ -25,7 +25,7 @@ mod tracer;
 pub use crate::engine::options::{Collect, RecordPaths, StandardError, Strict, TraceOptions};
 pub use crate::engine::shelf::Shelf;
 pub use crate::engine::wavefront::Progress;
-pub use crate::run::derivatives::{Derivatives, LossDerivatives};
+pub use crate::run::differentiate::{DerivativeOptions, Differentiation, LossDerivatives};
 pub use crate::run::go::{Pass, Settled};
 pub use crate::run::outcome::{Outcome, Saved, missed_target};
 pub use crate::run::session::Session;

@@ -5,7 +5,7 @@ use crate::error::{Error, Result};
 use crate::model::SceneIr;
 use crate::result::TraceResult;
 use crate::run::gradients::Differentiated;
-use crate::run::{Derivatives, LossDerivatives, Next, RecordPaths, Run, Session, Status};
+use crate::run::{DerivativeOptions, LossDerivatives, Next, RecordPaths, Run, Session, Status};
 use crate::scene::Scene;
 use ndarray::ArrayD;
 use std::time::Instant;
@@ -28,7 +28,8 @@ impl TraceRequest {
         }
         self.refuse_options_of_one_trace("gradient")?;
         let scene = self.differentiated()?;
-        let asked = Derivatives { without_errors: !self.gradient_errors, with_edges: self.gradient_edges };
+        let asked =
+            DerivativeOptions { without_errors: !self.gradient_errors, with_edges: self.gradient_edges };
         self.run(session, scene.run())?.differentiate(&scene, asked, next)?.into_result()
     }
 

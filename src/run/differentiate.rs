@@ -6,16 +6,16 @@ use crate::run::gradients::{Differentiated, How, LossGradient, LossWithEdges};
 use crate::run::{Next, Run, Settled, Status, TraceOptions};
 use std::time::Instant;
 
-/// What is asked for beside derivatives, or of them.
+/// How derivatives of what detectors record are found.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Derivatives {
+pub struct DerivativeOptions {
     /// No standard errors, which short traces spend most of their time on.
     pub without_errors: bool,
     /// Each derivative is also found by a difference of two traces, which sees light that crosses edges.
     pub with_edges: bool,
 }
 
-/// Derivatives of what detectors record, before they are a result.
+/// DerivativeOptions of what detectors record, before they are a result.
 pub struct Differentiation<'d> {
     scene: &'d Differentiated,
     /// The derivatives.
@@ -59,7 +59,7 @@ impl Run<'_> {
     pub fn differentiate<'d>(
         &self,
         scene: &'d Differentiated,
-        Derivatives { without_errors, with_edges }: Derivatives,
+        DerivativeOptions { without_errors, with_edges }: DerivativeOptions,
         mut next: impl FnMut(&Status) -> Next,
     ) -> Result<Differentiation<'d>> {
         let gpu = self.device()?;
