@@ -44,7 +44,7 @@ fn escaped(text: &str, kept: &[char]) -> String {
 
 /// A value as indented JSON that ends in a line break. Active characters, which stand in strings alone, are written as
 /// `\u202e`, which means the same.
-pub(crate) fn pretty_json(value: &impl serde::Serialize) -> serde_json::Result<String> {
+pub fn pretty_json(value: &impl serde::Serialize) -> serde_json::Result<String> {
     let text = serde_json::to_string_pretty(value)? + "\n";
     let mut safe = String::with_capacity(text.len());
     for c in text.chars() {

@@ -29,16 +29,14 @@
 //! holds the mechanics of wgpu and knows no optics.
 //!
 //! [`folders`] knows where a user keeps settings and caches, `placing` puts files in their places, and [`mesa`] keeps
-//! drivers silent. [`cli`] is the only place that prints, and [`bench`] measures. The module `viewer`, behind the
-//! feature of that name, is the window of `nsq-gpu view`.
+//! drivers silent. [`cli`] is the only place that prints. The module `viewer`, behind the feature of that name, is the
+//! window of `nsq-gpu view`.
 
 #![cfg_attr(
     not(feature = "cpu"),
     allow(dead_code, unused_imports, reason = "some parts of the engine are for the wing alone")
 )]
 
-#[cfg(feature = "cpu")]
-pub mod bench;
 pub mod cli;
 pub mod count;
 #[cfg(feature = "cpu")]
@@ -73,3 +71,38 @@ pub use crate::error::{Error, Result};
 pub use crate::result::TraceResult;
 pub use crate::run::{Outcome, Progress, Run, StandardError, TraceOptions, Tracer};
 pub use crate::scene::Scene;
+
+/// What `nsq-bench` needs of this library beyond what users get. Nothing here is a contract.
+#[doc(hidden)]
+#[cfg(all(feature = "cpu", feature = "viewer"))]
+pub mod internals {
+    pub use crate::cli::console::{choose_width, print, say};
+    pub use crate::cli::main_of;
+    pub use crate::cli::output_file::check_places;
+    pub use crate::count;
+    pub use crate::cpu::profile::Profile;
+    pub use crate::cpu::vector_width::{self, Width};
+    pub use crate::cpu::{Choices, When};
+    pub use crate::engine::tuning::{EVENTS_PER_DISPATCH, Tuning, WORKGROUP_SIZES};
+    pub use crate::format::pretty_json;
+    pub use crate::gpu::processors;
+    pub use crate::result::output::REPORT;
+    pub use crate::viewer::screenshot::Canvas;
+    pub use crate::viewer::settings::Settings;
+    pub use crate::viewer::tracing::Device;
+    pub use crate::viewer::{App, Model, RENDERER};
+    pub use eframe::egui;
+
+    /// Writes a file, which appears whole or not at all.
+    ///
+    /// # Errors
+    /// [`Error::File`](crate::Error::File) with the file that could not be written.
+    pub fn replace_file(path: &std::path::Path, bytes: &[u8]) -> crate::Result<()> {
+        crate::placing::replace_file(path, bytes).map_err(|error| crate::Error::file(path, error))
+    }
+
+    /// The program that is measured.
+    pub const PROGRAM: &str = env!("CARGO_PKG_NAME");
+    /// Its version.
+    pub const VERSION: &str = env!("CARGO_PKG_VERSION");
+}

@@ -998,3 +998,72 @@ fn damaged_scenes_are_traced_or_refused_but_never_panic() {
     // Both happen often, or the damage would be too great or too small to find anything.
     assert!(accepted > 30 && refused > 30, "{accepted} accepted, {refused} refused");
 }
+
+/// The profile of a trace.
+mod profile {
+    use super::*;
+    use nsq_gpu::engine::tuning::Tuning;
+    use serde_json::json;
+
+    fn stderr(output: &Output) -> String {
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    }
+
+    fn report(output: &Output) -> Value {
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(output));
+        serde_json::from_slice(&output.stdout).unwrap()
+    }
+
+    /// Events of a ray in the cavity, which all come about.
+    const DEPTH: u32 = 150;
+
+    /// The report of the deep cavity, and what stood on stderr.
+    fn trace_cavity(arguments: &[&str]) -> Output {
+        let scene = scene_path("bench_cavity");
+        let mut command = Command::cargo_bin("nsq-gpu").unwrap();
+        command.args(["trace", scene.to_str().unwrap(), "-n", "3000", "--max-depth", &DEPTH.to_string()]);
+        command
+            .args(["--batch-size", "1000", "--precision", "f32", "--json"])
+            .args(arguments)
+            .output()
+            .unwrap()
+    }
+
+    #[test]
+    fn a_profile_names_the_stages_and_changes_no_bit() {
+        if !has_adapter("profile") {
+            return;
+        }
+        let profiled = trace_cavity(&["--profile"]);
+        if stderr(&profiled).contains("no timestamps") {
+            let _ = writeln!(std::io::stderr(), "SKIPPED: profile: no timestamps");
+            return;
+        }
+        let (with, without) = (report(&profiled), report(&trace_cavity(&[])));
+        assert_eq!(with["ledger"], without["ledger"]);
+        assert_eq!(without["diagnostics"].get("stage_times"), None);
+        let stages = with["diagnostics"]["stage_times"].as_array().unwrap();
+        // Three batches, each of a round of new rays and so many more, until all events have come about.
+        let tuning = Tuning::of(&nsq_gpu::gpu::list_adapters()[0]);
+        let num_queued = 3 * (DEPTH.div_ceil(tuning.events_per_dispatch) - 1);
+        assert!(num_queued > 0);
+        let dispatches: Vec<_> = stages.iter().map(|s| (&s["stage"], &s["num_dispatches"])).collect();
+        let expected = [("trace_new", 3), ("advance", num_queued), ("trace_queued", num_queued)]
+            .map(|(stage, count)| (json!(stage), json!(count)));
+        assert_eq!(dispatches, expected.each_ref().map(|(stage, count)| (stage, count)));
+        for stage in stages {
+            assert!(stage["time_sec"].as_f64().unwrap() >= 0.0);
+            assert!(stderr(&profiled).contains(stage["stage"].as_str().unwrap()));
+        }
+    }
+
+    #[test]
+    fn a_profile_without_timestamps_is_a_usage_error() {
+        if !has_adapter("no profile") {
+            return;
+        }
+        let output = trace_cavity(&["--profile", "--portable"]);
+        assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
+        assert!(stderr(&output).contains("no timestamps"));
+    }
+}

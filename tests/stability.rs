@@ -1,17 +1,19 @@
 //! Scenes where tracers fail (`benches/stability/cases.json`): every tier hits what its numbers allow.
 //!
-//! `cargo test --test stability -- --nocapture` prints the table of `nsq-gpu bench --stability`.
+//! `cargo test --test stability -- --nocapture` prints the table of `nsq-bench --stability`.
 
 #![allow(clippy::unwrap_used, clippy::panic, clippy::print_stdout, reason = "a test fails by panicking")]
 
+#[path = "../benches/src/stability.rs"]
+mod stability;
 mod zoo;
 
 use nsq_gpu::TraceResult;
-use nsq_gpu::bench::stability::{Row, StabilityCase, cases, faults, table};
 use nsq_gpu::cpu::When;
 use nsq_gpu::gpu::Gpu;
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::DetectorData;
+use stability::{Row, StabilityCase, cases, faults, table};
 use zoo::forced::{Asked, Forced};
 
 fn precisions(gpu: &Gpu) -> Vec<Precision> {

@@ -16,7 +16,7 @@ pub(crate) fn read_scene(path: &Path) -> Result<Scene> {
 
 /// Prints the result, which may hold names and paths of any kind, fit for a terminal. A closed pipe (`nsq-gpu ... | head`)
 /// is no error.
-pub(crate) fn print(text: &str) -> Result<()> {
+pub fn print(text: &str) -> Result<()> {
     let mut stdout = std::io::stdout().lock();
     let written = stdout.write_all(for_terminal(text).as_bytes()).and_then(|()| stdout.flush());
     match written {
@@ -33,7 +33,7 @@ pub(crate) fn ended(printed: String, failure: Option<Error>) -> Result<String> {
 }
 
 /// Writes a message to stderr, fit for a terminal; it is no part of the result. Without stderr, it cannot be told.
-pub(crate) fn say(text: &str) {
+pub fn say(text: &str) {
     let _ = writeln!(std::io::stderr(), "{}", for_terminal(text));
 }
 
@@ -47,7 +47,7 @@ pub(crate) fn choose_vectors(ir: &SceneIr, num_rays: u64, in_f64: bool) {
 
 /// As [`choose_vectors`], with this width.
 #[cfg(feature = "cpu")]
-pub(crate) fn choose_width(width: Width) {
+pub fn choose_width(width: Width) {
     // SAFETY: no other thread runs yet, and no adapter was asked for.
     #[allow(unsafe_code)]
     unsafe {

@@ -3,16 +3,14 @@
 //! stdout carries the result alone; progress, warnings and errors go to stderr.
 
 mod adapters;
-#[cfg(feature = "cpu")]
-mod bench;
 mod check;
 mod compare;
 mod completions;
-mod console;
+pub(crate) mod console;
 mod diff;
 pub mod materials;
 mod merge;
-mod output_file;
+pub(crate) mod output_file;
 mod paths;
 mod pictures;
 mod progress;
@@ -28,8 +26,10 @@ mod trace_args;
 mod view;
 
 use crate::cli::console::{print, say};
+use crate::error::Result;
 use crate::format::for_terminal;
-use clap::error::{ContextKind, ErrorKind};
+use clap::builder::StyledStr;
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 use std::time::Instant;
@@ -66,9 +66,6 @@ enum Command {
     Check(check::Args),
     /// List the adapters that can trace.
     Adapters(adapters::Args),
-    /// Measure how fast scenes are traced, alone or against other programs.
-    #[cfg(feature = "cpu")]
-    Bench(bench::Args),
     /// Show a material of the catalog: its entry, its source, n and k over the wavelength.
     Materials(materials::Args),
     /// Print the WGSL that a scene is traced by, with the file that each part of it comes from.
@@ -87,10 +84,7 @@ enum Command {
 /// set an environment variable (`crate::cpu::vector_width`).
 pub fn main() -> ExitCode {
     let start = Instant::now();
-    quiet_drivers();
-    ignore_file_size_signal();
-    let cli = Cli::try_parse().unwrap_or_else(|error| refuse(&without_misleading_tip(error)));
-    let printed = match cli.command {
+    main_of("nsq-gpu", |cli: Cli| match cli.command {
         Command::Trace(args) => trace::run(&args, start),
         Command::Merge(args) => merge::run(&args),
         Command::Compare(args) => compare::run(&args),
@@ -100,19 +94,25 @@ pub fn main() -> ExitCode {
         Command::Diff(args) => diff::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Adapters(args) => adapters::run(&args),
-        #[cfg(feature = "cpu")]
-        Command::Bench(args) => bench::run(&args),
         Command::Materials(args) => materials::run(&args),
         Command::Shader(args) => shader::run(&args),
         Command::Sweep(args) => sweep::run(&args),
         Command::Serve(args) => serve::run(&args),
         Command::Schema => schema::run(),
         Command::Completions(args) => completions::run::<Cli>(&args),
-    };
-    match printed.and_then(|text| print(&text)) {
+    })
+}
+
+/// Runs a program of these arguments, prints its text, and returns the exit code of its error. Must be called before
+/// other threads run.
+pub fn main_of<C: Parser>(name: &str, run: impl FnOnce(C) -> Result<String>) -> ExitCode {
+    quiet_drivers();
+    ignore_file_size_signal();
+    let arguments = C::try_parse().unwrap_or_else(|error| refuse(&without_misleading_tip(error)));
+    match run(arguments).and_then(|text| print(&text)) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            say(&format!("nsq-gpu: {error}"));
+            say(&format!("{name}: {error}"));
             ExitCode::from(error.exit_code())
         }
     }
@@ -150,6 +150,12 @@ fn without_misleading_tip(mut error: clap::Error) -> clap::Error {
     let invalid = error.get(ContextKind::InvalidArg).map(ToString::to_string);
     if error.kind() == ErrorKind::UnknownArgument && invalid.is_some_and(|name| name.starts_with("--")) {
         error.remove(ContextKind::Suggested);
+    }
+    if error.kind() == ErrorKind::InvalidSubcommand
+        && error.get(ContextKind::InvalidSubcommand).is_some_and(|name| name.to_string() == "bench")
+    {
+        let tip = StyledStr::from("`nsq-bench`, a program of its own, measures: cargo build -p nsq-bench");
+        error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip]));
     }
     error
 }

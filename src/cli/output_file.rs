@@ -9,6 +9,16 @@ use serde_json::Value;
 use std::io;
 use std::path::{Path, PathBuf};
 
+/// Looks at the places of some files in one folder, which may not exist yet.
+///
+/// # Errors
+/// [`Error::File`] with the place, if nothing can be written there, or a file would be lost.
+pub fn check_places(folder: &Path, names: &[&str], overwrite: bool) -> Result<()> {
+    crate::result::output::check_writable(folder)?;
+    let mut there = names.iter().map(|name| folder.join(name)).filter(|path| placing::exists(path));
+    there.try_for_each(|path| OutputFile::new(&path, overwrite, Path::new(""), |_| false).map(drop))
+}
+
 /// A place where a file may be written.
 #[derive(Debug)]
 pub(crate) struct OutputFile {

@@ -1,9 +1,6 @@
 //! One picture per detector: linear from zero or logarithmic ([`Style`]), perceptual colours, axes at round numbers, a colour bar with its unit.
-//! Benchmarks draw their bars and curves with the same parts.
 
-pub mod bars;
 mod canvas;
-pub mod curves;
 pub(crate) mod figures;
 mod raster;
 mod style;

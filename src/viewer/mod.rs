@@ -57,7 +57,7 @@ impl Waker {
 }
 
 /// How the window is drawn: without dithering, on which neither colours of a map nor times of frames may depend.
-pub(crate) const RENDERER: RendererOptions = RendererOptions {
+pub const RENDERER: RendererOptions = RendererOptions {
     msaa_samples: 1,
     depth_stencil_format: None,
     dithering: false,

@@ -103,7 +103,7 @@ fn hash(rgba: &[u8]) -> String {
 }
 
 /// The texture in which frames are drawn.
-pub(crate) struct Canvas {
+pub struct Canvas {
     gpu: Arc<Gpu>,
     context: egui::Context,
     renderer: Renderer,
@@ -115,12 +115,7 @@ pub(crate) struct Canvas {
 
 impl Canvas {
     /// A canvas on a device; `size` is in points.
-    pub(crate) fn new(
-        gpu: Arc<Gpu>,
-        size: (f32, f32),
-        pixels_per_point: f32,
-        options: RendererOptions,
-    ) -> Self {
+    pub fn new(gpu: Arc<Gpu>, size: (f32, f32), pixels_per_point: f32, options: RendererOptions) -> Self {
         let renderer = Renderer::new(&gpu.device, FORMAT, options);
         let pixels = |points: f32| (points * pixels_per_point).round() as u32;
         let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
@@ -138,11 +133,7 @@ impl Canvas {
     }
 
     /// Computes one frame of a user who does `events`, and takes over its textures.
-    pub(crate) fn frame(
-        &mut self,
-        app: &mut App,
-        events: Vec<egui::Event>,
-    ) -> Vec<egui::epaint::ClippedPrimitive> {
+    pub fn frame(&mut self, app: &mut App, events: Vec<egui::Event>) -> Vec<egui::epaint::ClippedPrimitive> {
         let mut input = egui::RawInput {
             events,
             screen_rect: Some(Rect::from_min_size(Pos2::ZERO, vec2(self.size.0, self.size.1))),
@@ -165,7 +156,7 @@ impl Canvas {
     }
 
     /// Draws a frame on the device, and returns the index of the submission.
-    pub(crate) fn render(&mut self, primitives: &[egui::epaint::ClippedPrimitive]) -> wgpu::SubmissionIndex {
+    pub fn render(&mut self, primitives: &[egui::epaint::ClippedPrimitive]) -> wgpu::SubmissionIndex {
         let Gpu { device, queue, .. } = self.gpu.as_ref();
         let screen = ScreenDescriptor {
             size_in_pixels: [self.texture.width(), self.texture.height()],

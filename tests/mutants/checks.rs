@@ -3,8 +3,8 @@
 use crate::bench::{Bench, Setting, precision, scene};
 use crate::closed_forms;
 use crate::oracle::Oracle;
+use crate::stability::{StabilityCase, cases};
 use nsq_gpu::StandardError;
-use nsq_gpu::bench::stability::{StabilityCase, cases};
 use nsq_gpu::cpu::When;
 use nsq_gpu::engine::options::DEFAULT_PATH_ROWS;
 use nsq_gpu::model::surface_optics::splits;

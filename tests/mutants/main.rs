@@ -8,6 +8,9 @@ mod bench;
 mod checks;
 mod closed_forms;
 mod oracle;
+#[path = "../../benches/src/stability.rs"]
+#[allow(dead_code, reason = "the table is for people")]
+mod stability;
 mod table;
 #[path = "../zoo/mod.rs"]
 mod zoo;

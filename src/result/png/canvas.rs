@@ -315,38 +315,6 @@ impl Canvas<'_> {
         self.root.draw(&PathElement::new(line, style)).map_err(reason)
     }
 
-    /// A place in one colour.
-    pub fn fill(&self, place: Place, [r, g, b]: [u8; 3]) -> Drawn {
-        let corners = [(place.left, place.top), (place.right(), place.bottom())];
-        self.root.draw(&Rectangle::new(corners, RGBColor(r, g, b).filled())).map_err(reason)
-    }
-
-    /// A horizontal range, a thin line that ends in short upright ones.
-    pub fn whisker(&self, (left, right): (i32, i32), middle: i32) -> Drawn {
-        let (reach, width) = ((0.16 * self.text) as i32, 0.045 * self.text);
-        self.line((left, middle), (right, middle), INK, width)?;
-        [left, right]
-            .into_iter()
-            .try_for_each(|at| self.line((at, middle - reach), (at, middle + reach), INK, width))
-    }
-
-    /// A line through corners, with a dot on each.
-    pub fn curve(&self, corners: &[(i32, i32)], color: [u8; 3], width: f64) -> Drawn {
-        let [r, g, b] = color;
-        for pair in corners.windows(2) {
-            self.line(pair[0], pair[1], RGBColor(r, g, b), width)?;
-        }
-        corners.iter().try_for_each(|&corner| self.dot(corner, color))
-    }
-
-    /// A dashed line across a place.
-    pub fn dashes(&self, place: Place, at: i32) -> Drawn {
-        let dash = (0.5 * self.text) as usize;
-        (place.left..place.right() - dash as i32)
-            .step_by(2 * dash)
-            .try_for_each(|left| self.line((left, at), (left + dash as i32, at), SOFT, 0.05 * self.text))
-    }
-
     /// A dot, as the key to a colour.
     pub fn dot(&self, at: (i32, i32), color: [u8; 3]) -> Drawn {
         let [r, g, b] = color;

@@ -1,13 +1,13 @@
 //! Measures how to cut work for an adapter: invocations a workgroup, and events a dispatch.
 
-use crate::bench::Summary;
-use crate::bench::cases::{self, Case};
-use crate::engine::tuning::{EVENTS_PER_DISPATCH, Tuning, WORKGROUP_SIZES};
-use crate::error::{Error, Result};
-use crate::gpu::Gpu;
-use crate::program::Precision;
-use crate::run::{TraceOptions, Tracer};
-use crate::scene::Scene;
+use crate::Summary;
+use crate::cases::{self, Case};
+use nsq_gpu::gpu::Gpu;
+use nsq_gpu::internals::{EVENTS_PER_DISPATCH, Tuning, WORKGROUP_SIZES};
+use nsq_gpu::program::Precision;
+use nsq_gpu::run::{TraceOptions, Tracer};
+use nsq_gpu::scene::Scene;
+use nsq_gpu::{Error, Result};
 use std::fmt::Write;
 use std::time::Instant;
 

@@ -1,64 +1,55 @@
-//! `nsq-gpu bench`: measures how fast this machine traces, alone or against its peers.
+//! `nsq-bench`: measures how fast this machine traces, alone or against its peers.
 
-use crate::bench::accuracy::curves::Effort;
-use crate::bench::accuracy::{self, AccuracyReport};
-use crate::bench::peers::optiland::Backend;
-use crate::bench::peers::{DrJit, Mitsuba, Optiland};
-#[cfg(feature = "viewer")]
-use crate::bench::report::ViewerResult;
-use crate::bench::runner::measure;
-use crate::bench::{
+use crate::peers::{DrJit, Mitsuba, Optiland};
+use crate::report::ViewerResult;
+use crate::runner::measure;
+use crate::{
     BenchReport, Case, CaseResult, Peer, Session, cases, gradients, growth, machine, paths, stability, tuning,
 };
-use crate::cli::console::say;
-use crate::cli::output_file::OutputFile;
-use crate::count;
-use crate::cpu::vector_width::{self, Width};
-use crate::engine::tuning::Tuning;
-use crate::error::{Error, Result};
-use crate::gpu::{AdapterChoice, Gpu};
-use crate::program::Precision;
-use crate::result::output;
-use crate::scene::Scene;
 use clap::ValueEnum;
+use nsq_gpu::gpu::{AdapterChoice, Gpu};
+use nsq_gpu::internals::{
+    PROGRAM, Tuning, Width, check_places, choose_width, count, print, say, vector_width,
+};
+use nsq_gpu::program::Precision;
+use nsq_gpu::{Error, Result, Scene};
 use serde_json::Value;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::Command;
 
-/// Arguments of `nsq-gpu bench`.
-#[derive(clap::Args)]
+/// Measures how fast scenes are traced by nsq-gpu, alone or against other programs.
+#[derive(clap::Parser)]
+#[command(
+    name = "nsq-bench",
+    version,
+    after_help = "Exit codes: 0 done, 1 internal error or a lost ray, 2 usage, 4 no adapter, 5 device lost or out of memory, \
+                  6 a claim or an exact answer is missed."
+)]
 pub struct Args {
     /// Instead of speed: scenes where tracers fail, against their exact answers (exit code 6 where one is missed).
     #[arg(long, conflicts_with_all = ["quick", "scenes", "runs", "max_rays", "against", "note", "output", "json"])]
     stability: bool,
     /// Instead of speed: finds out how to cut work for the adapter, and keeps it in the user's cache for later traces.
     /// No result changes.
-    #[arg(long, conflicts_with_all = ["stability", "accuracy", "quick", "scenes", "runs", "max_rays", "against", "note", "output", "json"])]
+    #[arg(long, conflicts_with_all = ["stability", "quick", "scenes", "runs", "max_rays", "against", "note", "output", "json"])]
     tune: bool,
     /// Instead of speed: what the table of paths costs, against the plain loop and the usual trace.
-    #[arg(long, conflicts_with_all = ["stability", "tune", "accuracy", "against", "note", "output", "json"])]
+    #[arg(long, conflicts_with_all = ["stability", "tune", "against", "note", "output", "json"])]
     paths: bool,
     /// Instead of speed: what maps of derivatives cost, against the plain loop.
-    #[arg(long, conflicts_with_all = ["stability", "tune", "accuracy", "paths", "against", "note", "output", "json"])]
+    #[arg(long, conflicts_with_all = ["stability", "tune", "paths", "against", "note", "output", "json"])]
     gradients: bool,
-    /// Instead of speed: how the cost of a trace grows with surfaces, depth and rays; -o writes growth.txt and growth.png.
-    #[arg(long, conflicts_with_all = ["stability", "tune", "accuracy", "paths", "gradients", "scenes", "against", "note", "json"])]
+    /// Instead of speed: how the cost of a trace grows with surfaces, depth and rays; -o writes growth.txt.
+    #[arg(long, conflicts_with_all = ["stability", "tune", "paths", "gradients", "scenes", "against", "note", "json"])]
     growth: bool,
-    /// Instead of speed alone: error against time of every tier, sampler and setting, and what Sobol points are worth.
-    /// Exit code 6 where that is less than claimed.
-    #[arg(long, conflicts_with_all = ["stability", "runs", "max_rays", "json"])]
-    accuracy: bool,
-    /// With --accuracy: only what Sobol points are worth.
-    #[arg(long, requires = "accuracy", conflicts_with = "against")]
-    claims: bool,
     /// At most 1e5 rays a case, and 3 runs.
     #[arg(long)]
     quick: bool,
     /// Measure only these: names of cases or of sweeps (rays, surfaces, depth, short, lenses, spheres, meshes, splats,
-    /// commands, cold_start, viewer); with --accuracy, names of scenes.
+    /// commands, cold_start, viewer).
     #[arg(long, value_delimiter = ',', value_name = "NAMES")]
     scenes: Vec<String>,
-    /// Precision to measure; by default both, with --stability and --accuracy all.
+    /// Precision to measure; by default both, with --stability all.
     #[arg(long, value_enum)]
     precision: Option<PrecisionsArg>,
     /// Measured runs of each case, after one to warm up; 5, or 3 with --quick.
@@ -82,8 +73,8 @@ pub struct Args {
     /// A note for readers of the files, such as who else uses the machine.
     #[arg(long, value_name = "TEXT")]
     note: Option<String>,
-    /// Write bench.json, bench.csv and bench.png into this folder. Files of these names that exist are kept, and refused
-    /// before the first ray.
+    /// Write bench.json and bench.csv into this folder. Files of these names that exist are kept, and refused before the
+    /// first ray. `benches/draw.py` draws them.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     /// Let -o replace files that exist.
@@ -147,15 +138,13 @@ impl Args {
 }
 
 /// Measures, writes the files, and returns the text for stdout.
-pub fn run(args: &Args) -> Result<String> {
+pub fn run(args: Args) -> Result<String> {
+    let args = &args;
     if args.stability {
         return run_stability(args);
     }
     if args.tune {
         return run_tuning(args);
-    }
-    if args.accuracy {
-        return run_accuracy(args);
     }
     if args.growth {
         return run_growth(args);
@@ -170,11 +159,11 @@ pub fn run(args: &Args) -> Result<String> {
     check_output(args, RATES)?;
     let widths = widths(&cases)?;
     let widest = widest(&widths);
-    crate::cli::console::choose_width(widest);
+    choose_width(widest);
     let gpu = open(args)?;
     let session = Session {
         gpu: &gpu,
-        program: std::env::current_exe().map_err(|error| Error::Internal(error.to_string()))?,
+        program: product()?,
         num_runs: args.num_runs(),
         precisions: precisions(args.precision.unwrap_or(PrecisionsArg::Both), &gpu),
     };
@@ -204,7 +193,6 @@ pub fn run(args: &Args) -> Result<String> {
             }
         }
     }
-    #[cfg(feature = "viewer")]
     if failure.is_none() && (args.scenes.is_empty() || args.scenes.iter().any(|name| name == VIEWER)) {
         // Fragment shaders in vectors of 512 bits crash Mesa 22.3.
         let is_apart = widest == Width::Wide && gpu.info.class.may_be_told_vector_width();
@@ -221,7 +209,7 @@ pub fn run(args: &Args) -> Result<String> {
     }
     let told = if args.json { report.to_json() } else { report.table() };
     let Some(error) = failure else { return Ok(told) };
-    crate::cli::console::print(&told)?;
+    print(&told)?;
     Err(error)
 }
 
@@ -244,7 +232,7 @@ fn command_line(args: &Args) -> String {
             Some(args.peer_rays).filter(|rays| *rays != PEER_RAYS).map(|rays| rays.to_string()),
         ),
     ];
-    options.into_iter().flatten().fold("nsq-gpu bench".into(), |line, option| line + &option)
+    options.into_iter().flatten().fold("nsq-bench".into(), |line, option| line + &option)
 }
 
 /// The width of vectors that suits each case. A timed trace is compiled before. Whole commands choose their own width.
@@ -258,14 +246,12 @@ fn widest(widths: &[Width]) -> Width {
 }
 
 /// The viewer's frames.
-#[cfg(feature = "viewer")]
 fn viewer(args: &Args, num_runs: usize) -> Result<Vec<ViewerResult>> {
     const FRAMES_PER_RUN: usize = 12;
-    crate::bench::viewer::measure(args.adapter.as_deref(), FRAMES_PER_RUN * num_runs)
+    crate::viewer::measure(args.adapter.as_deref(), FRAMES_PER_RUN * num_runs)
 }
 
 /// The viewer's frames, drawn by a process of its own.
-#[cfg(feature = "viewer")]
 fn viewer_apart(session: &Session) -> Result<Vec<ViewerResult>> {
     let report = report_of(VIEWER, session, Vec::new())?;
     serde_json::from_value(report["viewer"].clone()).map_err(|error| Error::Internal(error.to_string()))
@@ -282,11 +268,23 @@ fn measure_apart(case: &Case, session: &Session, args: &Args) -> Result<CaseResu
     serde_json::from_value(report["cases"][0].clone()).map_err(|error| Error::Internal(error.to_string()))
 }
 
+/// This program's own path.
+fn own_path() -> Result<PathBuf> {
+    std::env::current_exe().map_err(|error| Error::Internal(error.to_string()))
+}
+
+/// The program whose whole commands are timed: the one that `NSQ_GPU_BINARY` names, or the one beside this program.
+fn product() -> Result<PathBuf> {
+    let named = std::env::var_os("NSQ_GPU_BINARY").filter(|path| !path.is_empty());
+    let beside = || Ok(own_path()?.with_file_name(format!("{PROGRAM}{}", std::env::consts::EXE_SUFFIX)));
+    named.map_or_else(beside, |path| Ok(path.into()))
+}
+
 /// The report of this program about one case, measured in a process of its own.
 fn report_of(case: &str, session: &Session, options: Vec<String>) -> Result<Value> {
-    let mut command = Command::new(&session.program);
+    let mut command = Command::new(own_path()?);
     vector_width::leave_to(&mut command);
-    command.args(["bench", "--json", "--scenes", case, "--runs", &session.num_runs.to_string()]);
+    command.args(["--json", "--scenes", case, "--runs", &session.num_runs.to_string()]);
     command.args(["--adapter", &session.gpu.info.name]).args(options);
     let output = command.output().map_err(|error| Error::Internal(format!("no command: {error}")))?;
     if !output.status.success() {
@@ -315,14 +313,14 @@ fn run_stability(args: &Args) -> Result<String> {
     if faults.is_empty() {
         return Ok(table);
     }
-    crate::cli::console::print(&table)?;
+    print(&table)?;
     Err(Error::Tolerance(faults.join("\n")))
 }
 
 /// Measures what the table of paths costs.
 fn run_paths(args: &Args, cases: Vec<Case>) -> Result<String> {
     let cases = paths::cases(cases)?;
-    crate::cli::console::choose_width(widest(&widths(&cases)?));
+    choose_width(widest(&widths(&cases)?));
     cost_table(args, &cases, paths::PathCost::heading(), |gpu, case, precision, num_runs| {
         paths::measure(gpu, case, precision, num_runs).map(|cost| cost.line())
     })
@@ -356,14 +354,14 @@ fn cost_table(
     Ok(table)
 }
 
-/// Measures how the cost grows, and writes the table and the chart.
+/// Measures how the cost grows, and writes the table.
 fn run_growth(args: &Args) -> Result<String> {
     check_output(args, growth::FILES)?;
     let gpu = open(args)?;
     let precision = default_precision(args, &gpu);
     let growth = growth::measure(&gpu, precision, args.most_rays(), args.num_runs(), say)?;
     if let Some(dir) = &args.output {
-        growth.write_all(dir)?.iter().for_each(|file| say(&format!("written: {}", file.display())));
+        say(&format!("written: {}", growth.write(dir)?.display()));
     }
     Ok(growth.table())
 }
@@ -380,7 +378,7 @@ fn default_precision(args: &Args, gpu: &Gpu) -> Precision {
 
 /// Measures in the precision that the adapter traces in by default.
 fn run_tuning(args: &Args) -> Result<String> {
-    crate::cli::console::choose_width(widest(&widths(&tuning::cases())?));
+    choose_width(widest(&widths(&tuning::cases())?));
     let gpu = open(args)?;
     let precision = default_precision(args, &gpu);
     let trials = tuning::measure(&gpu, precision)?;
@@ -396,101 +394,18 @@ fn run_tuning(args: &Args) -> Result<String> {
     ))
 }
 
-/// The effort of `--accuracy`: some minutes on two cores.
-const FULL: Effort = Effort { num_seeds: 4, trace_sec: 1.0, answer_sec: 6.0, most_rays: 1 << 22 };
-/// The effort with --quick: seconds. Claims are shown but not judged.
-const QUICK: Effort = Effort { num_seeds: 2, trace_sec: 0.1, answer_sec: 0.2, most_rays: 1 << 14 };
-/// Rays whose paths are compared between tiers.
-const PATHS: u64 = 1 << 14;
-
-/// Files that `-o` writes: of rates, and of error against time.
-const RATES: &[&str] = &["bench.json", "bench.csv", "bench.png"];
-const ACCURACY: &[&str] = &[
-    "accuracy.txt",
-    "accuracy.csv",
-    "accuracy.png",
-    "accuracy_flux.png",
-    "numerical.csv",
-    "numerical.png",
-    "sobol.csv",
-];
+/// Files that `-o` writes.
+const RATES: &[&str] = &["bench.json", "bench.csv"];
 
 /// Refuses a folder that cannot be written, or in which one of these files would be lost.
 fn check_output(args: &Args, names: &[&str]) -> Result<()> {
-    let Some(dir) = &args.output else { return Ok(()) };
-    output::check_writable(dir)?;
-    let mut there = names.iter().map(|name| dir.join(name)).filter(|path| crate::placing::exists(path));
-    there.try_for_each(|path| OutputFile::new(&path, args.overwrite, Path::new(""), |_| false).map(drop))
-}
-
-/// Measures error against time, and what Sobol points are worth.
-fn run_accuracy(args: &Args) -> Result<String> {
-    check_output(args, ACCURACY)?;
-    let is_chosen = |name: &str| args.scenes.is_empty() || args.scenes.iter().any(|scene| scene == name);
-    check_scenes(args)?;
-    let gpu = open(args)?;
-    let precisions = precisions(args.precision.unwrap_or(PrecisionsArg::All), &gpu);
-    let mut peers = map_peers(args)?;
-    let effort = if args.quick { QUICK } else { FULL };
-    let mut report = AccuracyReport::new(&gpu.info, args.note.clone());
-    for scene in accuracy::SCENES.iter().filter(|scene| !args.claims && is_chosen(scene.name)) {
-        say(&format!("{}: error against time", scene.name));
-        report.scenes.push(accuracy::curves::measure(&gpu, scene, &precisions, &mut peers, &effort)?);
-        let num_rays = PATHS.min(effort.most_rays / 4);
-        report.numerical.extend(accuracy::numerical::measure(&gpu, scene, &precisions, num_rays)?);
-    }
-    let precision = *precisions.last().unwrap_or(&Precision::F32);
-    for claim in accuracy::CLAIMS.iter().filter(|claim| is_chosen(claim.scene.name)) {
-        let claim = if args.quick { claim.quick() } else { *claim };
-        let verdict = claim.measure(&gpu, precision)?;
-        say(verdict.to_string().trim_end());
-        report.verdicts.push(verdict);
-    }
-    if let Some(dir) = &args.output {
-        let files = report.write_all(dir)?;
-        files.iter().for_each(|file| say(&format!("written: {}", file.display())));
-    }
-    let faults = report.faults();
-    if args.quick || faults.is_empty() {
-        return Ok(report.table());
-    }
-    crate::cli::console::print(&report.table())?;
-    Err(Error::Tolerance(faults.join("\n")))
-}
-
-fn check_scenes(args: &Args) -> Result<()> {
-    let claims = accuracy::CLAIMS.iter().map(|claim| claim.scene.name);
-    let mut names: Vec<&str> = accuracy::SCENES.iter().map(|scene| scene.name).chain(claims).collect();
-    names.sort_unstable();
-    names.dedup();
-    match args.scenes.iter().find(|scene| !names.contains(&scene.as_str())) {
-        Some(unknown) => {
-            Err(Error::Usage(format!("no scene is named `{unknown}`; there are {}", names.join(", "))))
-        }
-        None => Ok(()),
-    }
-}
-
-/// Optiland's NumPy backend, and its Torch backend where that Python has it.
-fn map_peers(args: &Args) -> Result<Vec<Optiland>> {
-    if args.against.iter().any(|peer| *peer != PeerArg::Optiland) {
-        return Err(Error::Usage("--accuracy compares with optiland alone".into()));
-    }
-    if args.against.is_empty() {
-        return Ok(Vec::new());
-    }
-    let numpy = Optiland::start(&args.python, Backend::Numpy, args.peer_rays)?;
-    if !numpy.has_torch() {
-        say(&format!("`{}` has no Torch: NumPy alone is compared", args.python.display()));
-        return Ok(vec![numpy]);
-    }
-    Ok(vec![numpy, Optiland::start(&args.python, Backend::Torch, args.peer_rays)?])
+    args.output.as_ref().map_or(Ok(()), |folder| check_places(folder, names, args.overwrite))
 }
 
 fn chosen_cases(args: &Args) -> Result<Vec<Case>> {
     let mut cases = cases::all(args.most_rays());
     let is = |case: &Case, name: &String| case.name == *name || case.axis == name;
-    let is_viewer = |name: &str| cfg!(feature = "viewer") && name == VIEWER;
+    let is_viewer = |name: &str| name == VIEWER;
     let is_known = |name: &String| is_viewer(name) || cases.iter().any(|case| is(case, name));
     if let Some(unknown) = args.scenes.iter().find(|name| !is_known(name)) {
         let mut names: Vec<&str> = cases.iter().map(|case| case.name.as_str()).collect();
@@ -515,17 +430,14 @@ fn precisions(wanted: PrecisionsArg, gpu: &Gpu) -> Vec<Precision> {
 
 fn start(peer: PeerArg, args: &Args) -> Result<Box<dyn Peer>> {
     Ok(match peer {
-        PeerArg::Optiland => Box::new(Optiland::start(&args.python, Backend::Numpy, args.peer_rays.max(1))?),
+        PeerArg::Optiland => Box::new(Optiland::start(&args.python, args.peer_rays.max(1))?),
         PeerArg::Drjit => Box::new(DrJit::start(&args.python)?),
         PeerArg::Mitsuba => Box::new(Mitsuba::start(&args.python)?),
     })
 }
 
 fn progress(result: &CaseResult) -> String {
-    let ours = result
-        .measurements
-        .iter()
-        .map(|m| (env!("CARGO_PKG_NAME"), m.precision.as_str(), m.rays_per_sec.median));
+    let ours = result.measurements.iter().map(|m| (PROGRAM, m.precision.as_str(), m.rays_per_sec.median));
     let peers = result.peers.iter().map(|m| (m.name.as_str(), m.precision.as_str(), m.rays_per_sec.median));
     let rate = |(name, precision, rate): (&str, &str, f64)| format!("{name} {precision} {:.3}", 1e-6 * rate);
     let rates: Vec<String> = ours.chain(peers).map(rate).collect();

@@ -1,13 +1,12 @@
-//! `nsq-gpu bench` on tiny counts: what it writes, what it refuses, how it compares. No clock decides anything here.
+//! `nsq-bench` on tiny counts: what it writes, what it refuses, how it compares. No clock decides anything here.
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
 
 use assert_cmd::Command;
-use nsq_gpu::bench::peers::PeerRun;
-use nsq_gpu::bench::report::CSV_COLUMNS;
-use nsq_gpu::bench::runner::{Measurement, PeerMeasurement, PerRay};
-use nsq_gpu::bench::{CaseResult, Counts, Summary};
-use nsq_gpu::engine::tuning::Tuning;
+use nsq_bench::peers::PeerRun;
+use nsq_bench::report::CSV_COLUMNS;
+use nsq_bench::runner::{Measurement, PeerMeasurement, PerRay};
+use nsq_bench::{CaseResult, Counts, Summary};
 use nsq_gpu::result::Ledger;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -26,8 +25,8 @@ fn has_adapter(test: &str) -> bool {
 
 /// Measures some cases with 500 rays and two runs.
 fn bench(arguments: &[&str]) -> Output {
-    let tiny = ["bench", "--max-rays", "500", "--runs", "2", "--json"];
-    Command::cargo_bin("nsq-gpu").unwrap().args(tiny).args(arguments).output().unwrap()
+    let tiny = ["--max-rays", "500", "--runs", "2", "--json"];
+    Command::cargo_bin("nsq-bench").unwrap().args(tiny).args(arguments).output().unwrap()
 }
 
 fn stderr(output: &Output) -> String {
@@ -60,7 +59,7 @@ fn the_files_hold_what_was_measured() {
         (&printed["schema"], &printed["num_runs"], &printed["note"]),
         (&json!(1), &json!(2), &json!(note))
     );
-    let command = format!("nsq-gpu bench --scenes {scenes} --runs 2 --max-rays 500");
+    let command = format!("nsq-bench --scenes {scenes} --runs 2 --max-rays 500");
     assert_eq!(printed["command"], json!(command));
     for field in ["version", "build", "date"] {
         assert!(printed[field].is_string(), "{field}");
@@ -77,21 +76,19 @@ fn the_files_hold_what_was_measured() {
     assert!(csv.lines().all(|line| columns(line) == CSV_COLUMNS.len()), "{csv}");
     let measured: usize = cases.iter().map(|case| case["measurements"].as_array().unwrap().len()).sum();
     assert_eq!(csv.lines().count(), 1 + measured);
-    assert_eq!(&read(folder.path(), "bench.png")[..8], b"\x89PNG\r\n\x1a\n");
 }
 
 #[test]
-#[cfg(feature = "viewer")]
 fn frames_of_the_viewer_are_measured() {
     if !has_adapter("frames_of_the_viewer_are_measured") {
         return;
     }
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
-    let tiny = ["bench", "--scenes", "viewer", "--runs", "1", "--json", "-o", out];
-    let printed = report(&Command::cargo_bin("nsq-gpu").unwrap().args(tiny).output().unwrap());
+    let tiny = ["--scenes", "viewer", "--runs", "1", "--json", "-o", out];
+    let printed = report(&Command::cargo_bin("nsq-bench").unwrap().args(tiny).output().unwrap());
     assert_eq!(printed["cases"], json!([]));
-    assert!(folder.path().join("bench.json").exists() && !folder.path().join("bench.png").exists());
+    assert!(folder.path().join("bench.json").exists());
     let states = printed["viewer"].as_array().unwrap();
     let names: Vec<&str> = states.iter().map(|state| state["name"].as_str().unwrap()).collect();
     assert_eq!(names, ["viewer_small", "viewer_large", "viewer_tracing", "viewer_shared"]);
@@ -139,8 +136,8 @@ fn people_get_a_table() {
     if !has_adapter("bench table") {
         return;
     }
-    let tiny = ["bench", "--max-rays", "500", "--runs", "1", "--scenes", "depth_2", "--precision", "f32"];
-    let output = Command::cargo_bin("nsq-gpu").unwrap().args(tiny).output().unwrap();
+    let tiny = ["--max-rays", "500", "--runs", "1", "--scenes", "depth_2", "--precision", "f32"];
+    let output = Command::cargo_bin("nsq-bench").unwrap().args(tiny).output().unwrap();
     let table = String::from_utf8(output.stdout.clone()).unwrap();
     assert!(table.contains("M rays/s"), "{table}{}", stderr(&output));
     let lines = table.lines().filter(|line| line.starts_with("depth_2"));
@@ -160,57 +157,6 @@ fn what_cannot_be_measured_is_a_usage_error() {
         assert_eq!(output.status.code(), Some(2));
         assert!(stderr(&output).contains("no-such-python"));
     }
-}
-
-// The profile of a trace.
-
-/// Events of a ray in the cavity, which all come about.
-const DEPTH: u32 = 150;
-
-/// The report of the deep cavity, and what stood on stderr.
-fn trace_cavity(arguments: &[&str]) -> Output {
-    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/bench_cavity.json");
-    let mut command = Command::cargo_bin("nsq-gpu").unwrap();
-    command.args(["trace", scene.to_str().unwrap(), "-n", "3000", "--max-depth", &DEPTH.to_string()]);
-    command.args(["--batch-size", "1000", "--precision", "f32", "--json"]).args(arguments).output().unwrap()
-}
-
-#[test]
-fn a_profile_names_the_stages_and_changes_no_bit() {
-    if !has_adapter("profile") {
-        return;
-    }
-    let profiled = trace_cavity(&["--profile"]);
-    if stderr(&profiled).contains("no timestamps") {
-        let _ = writeln!(std::io::stderr(), "SKIPPED: profile: no timestamps");
-        return;
-    }
-    let (with, without) = (report(&profiled), report(&trace_cavity(&[])));
-    assert_eq!(with["ledger"], without["ledger"]);
-    assert_eq!(without["diagnostics"].get("stage_times"), None);
-    let stages = with["diagnostics"]["stage_times"].as_array().unwrap();
-    // Three batches, each of a round of new rays and so many more, until all events have come about.
-    let tuning = Tuning::of(&nsq_gpu::gpu::list_adapters()[0]);
-    let num_queued = 3 * (DEPTH.div_ceil(tuning.events_per_dispatch) - 1);
-    assert!(num_queued > 0);
-    let dispatches: Vec<_> = stages.iter().map(|s| (&s["stage"], &s["num_dispatches"])).collect();
-    let expected = [("trace_new", 3), ("advance", num_queued), ("trace_queued", num_queued)]
-        .map(|(stage, count)| (json!(stage), json!(count)));
-    assert_eq!(dispatches, expected.each_ref().map(|(stage, count)| (stage, count)));
-    for stage in stages {
-        assert!(stage["time_sec"].as_f64().unwrap() >= 0.0);
-        assert!(stderr(&profiled).contains(stage["stage"].as_str().unwrap()));
-    }
-}
-
-#[test]
-fn a_profile_without_timestamps_is_a_usage_error() {
-    if !has_adapter("no profile") {
-        return;
-    }
-    let output = trace_cavity(&["--profile", "--portable"]);
-    assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
-    assert!(stderr(&output).contains("no timestamps"));
 }
 
 // Launched = counted.
@@ -340,8 +286,8 @@ fn ratios_are_of_medians_in_the_same_precision_where_the_peer_has_it() {
 #[cfg(unix)]
 mod planted_peers {
     use super::*;
-    use nsq_gpu::bench::runner::measure;
-    use nsq_gpu::bench::{Kind, Session, cases};
+    use nsq_bench::runner::measure;
+    use nsq_bench::{Kind, Session, cases};
     use nsq_gpu::gpu::{AdapterChoice, Gpu};
     use nsq_gpu::program::Precision;
     use std::os::unix::fs::PermissionsExt;
@@ -498,148 +444,5 @@ mod planted_peers {
         let failed = run(300);
         assert_eq!(failed.status.code(), Some(1));
         assert!(stderr(&failed).contains("drjit detects 0.6"), "{}", stderr(&failed));
-    }
-}
-
-/// `nsq-gpu bench --accuracy`: that it runs, and that its numbers hang together.
-mod accuracy {
-    use super::*;
-    use nsq_gpu::bench::accuracy::report::{CLAIM_COLUMNS, CURVE_COLUMNS, NUMERICAL_COLUMNS};
-
-    fn bench_accuracy(arguments: &[&str]) -> Output {
-        let quick = ["bench", "--accuracy", "--quick"];
-        Command::cargo_bin("nsq-gpu").unwrap().args(quick).args(arguments).output().unwrap()
-    }
-
-    /// The rows of a CSV without commas in its cells, by column.
-    fn rows(folder: &Path, name: &str, columns: &[&str]) -> Vec<BTreeMap<String, String>> {
-        let text = String::from_utf8(read(folder, name)).unwrap();
-        assert_eq!(text.lines().next().unwrap(), columns.join(","), "{name}");
-        let row = |line: &str| {
-            let cells = line.replace(", sobol", "; sobol");
-            let cells: Vec<String> = cells.split(',').map(|cell| cell.trim_matches('"').into()).collect();
-            assert_eq!(cells.len(), columns.len(), "{line}");
-            columns.iter().map(|column| (*column).to_string()).zip(cells).collect()
-        };
-        text.lines().skip(1).map(row).collect()
-    }
-
-    fn number(row: &BTreeMap<String, String>, column: &str) -> f64 {
-        row[column].parse().unwrap_or_else(|_| panic!("{column}: `{}`", row[column]))
-    }
-
-    /// Errors of a method's map and flux, from few rays to many.
-    fn errors(rows: &[BTreeMap<String, String>], scene: &str, method: &str) -> Vec<(f64, f64, f64)> {
-        let of = |row: &&BTreeMap<String, String>| row["scene"] == scene && row["method"] == method;
-        let point = |row| (number(row, "num_rays"), number(row, "map_rms_error"), number(row, "flux_error"));
-        rows.iter().filter(of).map(point).collect()
-    }
-
-    #[test]
-    fn error_falls_and_tiers_agree() {
-        if !has_adapter("bench --accuracy") {
-            return;
-        }
-        let folder = tempfile::tempdir().unwrap();
-        let output = bench_accuracy(&[
-            "--scenes",
-            "bench_lens,light_pipe,lamp",
-            "-o",
-            folder.path().to_str().unwrap(),
-        ]);
-        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
-        for chart in ["accuracy.png", "accuracy_flux.png", "numerical.png"] {
-            assert_eq!(&read(folder.path(), chart)[..8], b"\x89PNG\r\n\x1a\n", "{chart}");
-        }
-        assert_eq!(read(folder.path(), "accuracy.txt"), output.stdout);
-        assert_curves(&rows(folder.path(), "accuracy.csv", &CURVE_COLUMNS));
-        assert_numerical(&rows(folder.path(), "numerical.csv", &NUMERICAL_COLUMNS));
-        let claims = rows(folder.path(), "sobol.csv", &CLAIM_COLUMNS);
-        assert!(claims.len() >= 4, "{claims:?}");
-        for row in &claims {
-            for what in ["map", "flux"] {
-                let [value, low, high] =
-                    ["", "_low", "_high"].map(|end| number(row, &format!("{what}_ratio{end}")));
-                assert!(0.0 < low && low <= value && value <= high, "{row:?}");
-                // Few traces prove nothing, and so nothing is claimed.
-                assert_eq!(row[&format!("{what}_least")], "");
-            }
-        }
-    }
-
-    #[test]
-    fn claims_alone_write_their_files_and_no_ratio_where_nothing_errs() {
-        if !has_adapter("bench --accuracy --claims") {
-            return;
-        }
-        let folder = tempfile::tempdir().unwrap();
-        let scene = "bench_surface_count_50";
-        let output = bench_accuracy(&["--claims", "--scenes", scene, "-o", folder.path().to_str().unwrap()]);
-        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
-        let files = std::fs::read_dir(folder.path()).unwrap().map(|file| file.unwrap().file_name());
-        let mut files: Vec<_> = files.collect();
-        files.sort();
-        assert_eq!(files, ["accuracy.txt", "sobol.csv"]);
-        let row = &rows(folder.path(), "sobol.csv", &CLAIM_COLUMNS)[0];
-        assert!(number(row, "map_ratio") > 1.0, "{row:?}");
-        // Every ray ends on the detector.
-        assert_eq!(row["flux_ratio"], "");
-        assert!(String::from_utf8_lossy(&output.stdout).contains("no error"));
-    }
-
-    fn assert_curves(rows: &[BTreeMap<String, String>]) {
-        for scene in ["bench_lens", "light_pipe"] {
-            let f32 = errors(rows, scene, "f32");
-            let sobol = errors(rows, scene, "sobol");
-            assert!(f32.len() >= 2, "{scene}: a curve has points");
-            for pair in f32.windows(2) {
-                let ratio = pair[0].1 / pair[1].1;
-                assert!(ratio > 1.0, "{scene}: the error falls by {ratio}");
-                // Four times the rays halve the error: over some hundred pixels that are lit alike, to a few percent. At
-                // the end of the pipe one pixel holds a beam, and most of the error.
-                let is_even = scene == "bench_lens";
-                assert!(!is_even || (1.7..2.3).contains(&ratio), "{scene}: the error falls by {ratio}");
-            }
-            let ours = sobol.last().unwrap();
-            let random = f32.iter().find(|point| point.0 == ours.0).unwrap();
-            assert!(ours.1 < random.1, "{scene}: Sobol points {} against {}", ours.1, random.1);
-            // A splat moves flux between pixels alone.
-            let bilinear = errors(rows, scene, "bilinear splat");
-            let f64 = errors(rows, scene, "f64");
-            for (splat, hard) in bilinear.iter().zip(&f64) {
-                approx::assert_relative_eq!(splat.2, hard.2, max_relative = 1e-9);
-            }
-            // The same draws take the same paths: a pixel's error is the same to what few rays do otherwise.
-            for (coarse, fine) in f32.iter().zip(&f64) {
-                approx::assert_relative_eq!(coarse.1, fine.1, max_relative = 1e-2);
-            }
-        }
-    }
-
-    fn assert_numerical(rows: &[BTreeMap<String, String>]) {
-        assert!(!rows.is_empty());
-        for row in rows {
-            let [rms, max] = ["position_rms_mm", "position_max_mm"].map(|column| number(row, column));
-            assert!(rms <= max && max < 0.1, "{row:?}");
-            assert!(number(row, "flux_rms") <= number(row, "flux_max"), "{row:?}");
-            assert!((0.0..=0.01).contains(&number(row, "share_of_other_fate")), "{row:?}");
-            assert!(number(row, "num_arrivals") > 1000.0, "{row:?}");
-            let in_f32 = row["shader"].starts_with("f32");
-            assert!(!in_f32 || row["against"].starts_with("f32") || rms > 1e-9, "f32 rounds: {row:?}");
-            assert!(in_f32 || rms < 1e-10, "f64 against itself: {row:?}");
-        }
-    }
-
-    #[test]
-    fn unknown_scenes_and_peers_are_refused() {
-        let output = bench_accuracy(&["--scenes", "cooke_tripler"]);
-        assert_eq!(output.status.code(), Some(2));
-        assert!(stderr(&output).contains("cooke_triplet"), "{}", stderr(&output));
-        if !has_adapter("bench --accuracy against drjit") {
-            return;
-        }
-        let output = bench_accuracy(&["--scenes", "lamp", "--against", "drjit"]);
-        assert_eq!(output.status.code(), Some(2));
-        assert!(stderr(&output).contains("optiland alone"), "{}", stderr(&output));
     }
 }

@@ -3,7 +3,7 @@
 //! ```text
 //! peer      what a program must do to be compared
 //! child     a Python process that answers requests, line by line
-//! optiland  Optiland's NumPy and Torch backends: every case, and maps
+//! optiland  Optiland's NumPy backend: every case
 //! mitsuba   Mitsuba 3 with Embree: one search a ray
 //! drjit     a kernel written by hand for one scene
 //! ```
@@ -14,7 +14,7 @@ pub mod mitsuba;
 pub mod optiland;
 mod peer;
 
-pub use crate::bench::peers::drjit::DrJit;
-pub use crate::bench::peers::mitsuba::Mitsuba;
-pub use crate::bench::peers::optiland::Optiland;
-pub use crate::bench::peers::peer::{Peer, PeerRun};
+pub use crate::peers::drjit::DrJit;
+pub use crate::peers::mitsuba::Mitsuba;
+pub use crate::peers::optiland::Optiland;
+pub use crate::peers::peer::{Peer, PeerRun};

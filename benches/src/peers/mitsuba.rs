@@ -1,9 +1,9 @@
 //! Mitsuba 3 with Embree.
 
-use crate::bench::cases::Case;
-use crate::bench::peers::child::{Files, PythonChild, Script};
-use crate::bench::peers::{Peer, PeerRun};
-use crate::error::Result;
+use crate::cases::Case;
+use crate::peers::child::{Files, PythonChild, Script};
+use crate::peers::{Peer, PeerRun};
+use nsq_gpu::Result;
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -24,10 +24,10 @@ impl Mitsuba {
     /// Starts the peer with a Python that has Mitsuba installed.
     ///
     /// # Errors
-    /// [`crate::Error::Usage`] if this Python cannot run the peer.
+    /// [`nsq_gpu::Error::Usage`] if this Python cannot run the peer.
     pub fn start(python: &Path) -> Result<Self> {
         let files = Files::new(&SCRIPTS)?;
-        let script = Script { python, name: SCRIPTS[0].0, argument: None, package: "Mitsuba" };
+        let script = Script { python, name: SCRIPTS[0].0, package: "Mitsuba" };
         let (child, versions) = PythonChild::start(&script, &files)?;
         Ok(Mitsuba { files, versions, child })
     }

@@ -1,9 +1,9 @@
 //! A hand-written Dr.Jit kernel of one scene.
 
-use crate::bench::cases::{Case, LENS_AXIS};
-use crate::bench::peers::child::{Files, PythonChild, Script};
-use crate::bench::peers::{Peer, PeerRun};
-use crate::error::Result;
+use crate::cases::{Case, LENS_AXIS};
+use crate::peers::child::{Files, PythonChild, Script};
+use crate::peers::{Peer, PeerRun};
+use nsq_gpu::Result;
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -21,10 +21,10 @@ impl DrJit {
     /// Starts the peer with a Python that has Mitsuba installed, which brings Dr.Jit.
     ///
     /// # Errors
-    /// [`crate::Error::Usage`] if this Python cannot run the peer.
+    /// [`nsq_gpu::Error::Usage`] if this Python cannot run the peer.
     pub fn start(python: &Path) -> Result<Self> {
         let files = Files::new(&SCRIPTS)?;
-        let script = Script { python, name: SCRIPTS[0].0, argument: None, package: "Mitsuba (for Dr.Jit)" };
+        let script = Script { python, name: SCRIPTS[0].0, package: "Mitsuba (for Dr.Jit)" };
         let (child, versions) = PythonChild::start(&script, &files)?;
         Ok(DrJit { files, versions, child })
     }

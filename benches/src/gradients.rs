@@ -1,12 +1,12 @@
 //! What derivatives cost: the time of a trace with maps of derivatives, against the plain loop. Compiling does not count.
 
-use crate::bench::Summary;
-use crate::bench::cases::{Case, Kind};
-use crate::error::{Error, Result};
-use crate::gpu::Gpu;
-use crate::program::Precision;
-use crate::run::gradients::{Differentiated, How, MOST_PARAMETERS};
-use crate::run::{Shelf, StandardError, TraceOptions, Tracer};
+use crate::Summary;
+use crate::cases::{Case, Kind};
+use nsq_gpu::gpu::Gpu;
+use nsq_gpu::program::Precision;
+use nsq_gpu::run::gradients::{Differentiated, How, MOST_PARAMETERS};
+use nsq_gpu::run::{Shelf, StandardError, TraceOptions, Tracer};
+use nsq_gpu::{Error, Result};
 use serde_json::Value;
 use std::fmt::Write;
 use std::path::Path;

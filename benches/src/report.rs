@@ -1,14 +1,11 @@
-//! The files of a benchmark: `bench.json` with everything, `bench.csv` with a line per engine, `bench.png`.
+//! The files of a benchmark: `bench.json` with everything, `bench.csv` with a line per engine.
 
-use crate::bench::cases::Kind;
-use crate::bench::machine;
-use crate::bench::runner::{CaseResult, Measurement, PeerMeasurement};
-use crate::bench::statistics::Summary;
-use crate::error::{Error, Result};
-use crate::format::pretty_json;
-use crate::gpu::{AdapterInfo, processors};
-use crate::placing::replace_file;
-use crate::result::png::bars::{Bar, Bars, Group, write_bars};
+use crate::machine;
+use crate::runner::{CaseResult, Measurement, PeerMeasurement};
+use crate::statistics::Summary;
+use nsq_gpu::gpu::AdapterInfo;
+use nsq_gpu::internals::{PROGRAM, VERSION, pretty_json, processors, replace_file};
+use nsq_gpu::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -106,8 +103,8 @@ impl BenchReport {
     pub fn new(info: &AdapterInfo, num_runs: usize, note: Option<String>) -> Self {
         BenchReport {
             schema: SCHEMA,
-            program: env!("CARGO_PKG_NAME"),
-            version: env!("CARGO_PKG_VERSION"),
+            program: PROGRAM,
+            version: VERSION,
             build: if cfg!(debug_assertions) { "debug" } else { "release" },
             date: machine::utc_now(),
             command: String::new(),
@@ -154,15 +151,9 @@ impl BenchReport {
     pub fn write_all(&self, dir: &Path) -> Result<Vec<PathBuf>> {
         std::fs::create_dir_all(dir).map_err(|error| Error::file(dir, error))?;
         for (name, text) in [("bench.json", self.to_json()), ("bench.csv", self.to_csv())] {
-            replace_file(&dir.join(name), text.as_bytes())
-                .map_err(|error| Error::file(dir.join(name), error))?;
+            replace_file(&dir.join(name), text.as_bytes())?;
         }
-        let mut files = vec![dir.join("bench.json"), dir.join("bench.csv")];
-        if !self.cases.is_empty() {
-            files.push(dir.join("bench.png"));
-            write_bars(&files[2], &self.bars())?;
-        }
-        Ok(files)
+        Ok(vec![dir.join("bench.json"), dir.join("bench.csv")])
     }
 
     /// The table for people.
@@ -227,77 +218,6 @@ impl BenchReport {
         }
         line + "\n"
     }
-
-    fn bars(&self) -> Bars {
-        let series = self.series();
-        let group = |(i, case): (usize, &CaseResult)| Group {
-            label: label(case),
-            first_of_section: i > 0 && self.cases[i - 1].axis != case.axis,
-            bars: series.iter().map(|series| case.rate_of(series).map(bar)).collect(),
-        };
-        Bars {
-            title: format!("Rays per second on {}", self.adapter.name),
-            numbers: self.subtitle(),
-            quantity: "median of the runs and their range".into(),
-            unit: "rays/s".into(),
-            groups: self.cases.iter().enumerate().map(group).collect(),
-            series: series.iter().map(Series::label).collect(),
-        }
-    }
-
-    fn subtitle(&self) -> String {
-        let day = self.date.split('T').next().unwrap_or("");
-        let note = self.note.as_ref().map_or(String::new(), |note| format!("; {note}"));
-        format!("{} {}, {day}, {} runs{note}", self.program, self.version, self.num_runs)
-    }
-
-    /// Every engine in every precision with a measurement, this program first.
-    fn series(&self) -> Vec<Series> {
-        let mut all: Vec<Series> = Vec::new();
-        let ours = self.cases.iter().flat_map(|case| &case.measurements);
-        let ours =
-            ours.map(|m| Series { engine: env!("CARGO_PKG_NAME").into(), precision: m.precision.clone() });
-        let peers = self.cases.iter().flat_map(|case| &case.peers);
-        let peers = peers.map(|m| Series { engine: m.name.clone(), precision: m.precision.clone() });
-        for series in ours.chain(peers) {
-            if !all.contains(&series) {
-                all.push(series);
-            }
-        }
-        all
-    }
-}
-
-/// An engine in one precision.
-#[derive(Debug, Clone, PartialEq, Eq)]
-struct Series {
-    engine: String,
-    precision: String,
-}
-
-impl Series {
-    fn label(&self) -> String {
-        format!("{} {}", self.engine, self.precision)
-    }
-}
-
-impl CaseResult {
-    fn rate_of(&self, series: &Series) -> Option<Summary> {
-        let ours = self.measurements.iter().map(|m| (env!("CARGO_PKG_NAME"), &m.precision, m.rays_per_sec));
-        let peers = self.peers.iter().map(|m| (m.name.as_str(), &m.precision, m.rays_per_sec));
-        let mut all = ours.chain(peers);
-        all.find(|(name, precision, _)| *name == series.engine && **precision == series.precision)
-            .map(|m| m.2)
-    }
-}
-
-fn label(case: &CaseResult) -> String {
-    let name = case.name.replace('_', " ");
-    if case.kind == Kind::Trace.name() { name } else { name + ", whole command" }
-}
-
-fn bar(rate: Summary) -> Bar {
-    Bar { value: rate.median, low: rate.min, high: rate.max }
 }
 
 /// The columns of the CSV; a peer has no casts and no ratios.
@@ -324,7 +244,7 @@ pub const CSV_COLUMNS: [&str; 19] = [
 ];
 
 fn csv_line(case: &CaseResult, ours: &Measurement) -> String {
-    let engine = [env!("CARGO_PKG_NAME"), &ours.precision];
+    let engine = [PROGRAM, &ours.precision];
     let ratio = |peer: &str| cell(ours.ratios.get(peer).copied());
     let last = [
         cell(Some(ours.casts_per_sec.median)),

@@ -1,14 +1,14 @@
 //! What the table of paths costs: the time of a trace with it, against the plain loop and against the trace that users get
 //! without it.
 
-use crate::bench::Summary;
-use crate::bench::cases::{Case, Kind};
-use crate::cpu::{Choices, When};
-use crate::error::{Error, Result};
-use crate::gpu::Gpu;
-use crate::program::Precision;
-use crate::run::{StandardError, TraceOptions, Tracer};
-use crate::scene::Scene;
+use crate::Summary;
+use crate::cases::{Case, Kind};
+use nsq_gpu::gpu::Gpu;
+use nsq_gpu::internals::{Choices, When};
+use nsq_gpu::program::Precision;
+use nsq_gpu::run::{StandardError, TraceOptions, Tracer};
+use nsq_gpu::scene::Scene;
+use nsq_gpu::{Error, Result};
 use std::fmt::Write;
 use std::time::Instant;
 

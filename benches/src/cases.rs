@@ -1,7 +1,7 @@
 //! The cases to measure: scenes in the form of files that users trace, so that every peer reads the same files.
 
-use crate::program::Precision;
-use crate::run::TraceOptions;
+use nsq_gpu::program::Precision;
+use nsq_gpu::run::TraceOptions;
 use serde_json::{Value, json};
 
 /// One scene, and the number of rays to trace.
@@ -24,7 +24,7 @@ pub struct Case {
 
 impl Case {
     /// How the case is traced, with defaults for all else.
-    pub(crate) fn options(&self, precision: Precision) -> TraceOptions {
+    pub fn options(&self, precision: Precision) -> TraceOptions {
         let (num_rays, max_depth) = (self.num_rays, self.max_depth);
         TraceOptions { num_rays, max_depth, precision, ..TraceOptions::default() }
     }
@@ -339,7 +339,7 @@ impl Draws {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Scene;
+    use nsq_gpu::Scene;
 
     #[test]
     fn every_scene_is_valid_and_every_name_unique() {

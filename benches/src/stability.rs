@@ -5,18 +5,18 @@
 //! -m tools.make_stability` writes. A few roundings of the scene's own numbers make an interval of the exact answer,
 //! and a tier is right in this interval. A reading that chance decides must lie within five standard deviations.
 
-use crate::error::{Error, Result};
-use crate::gpu::Gpu;
-use crate::model::SceneIr;
-use crate::program::Precision;
-use crate::result::{DetectorData, RunInfo, TraceResult};
-use crate::run::{TraceOptions, Tracer};
-use crate::scene::Scene;
+use nsq_gpu::gpu::Gpu;
+use nsq_gpu::model::SceneIr;
+use nsq_gpu::program::Precision;
+use nsq_gpu::result::{DetectorData, RunInfo, TraceResult};
+use nsq_gpu::run::{TraceOptions, Tracer};
+use nsq_gpu::scene::Scene;
+use nsq_gpu::{Error, Result};
 use serde::Deserialize;
 use serde_json::Value;
 use std::fmt::Write;
 
-const CASES: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/benches/stability/cases.json"));
+const CASES: &str = include_str!("../stability/cases.json");
 
 /// A scene, and what is read from its result.
 #[derive(Debug, Clone, Deserialize)]
@@ -47,8 +47,6 @@ pub struct Reading {
     pub name: String,
     /// The exact answer, or the expectation if draws decide.
     pub expected: f64,
-    /// True if draws decide the reading.
-    pub by_chance: bool,
     f32: [f64; 2],
     df64: [f64; 2],
     f64: [f64; 2],
@@ -112,11 +110,6 @@ impl Reading {
             Some(value) => (low..=high).contains(&value),
             None => self.nothing.iter().any(|tier| tier == precision.name()),
         }
-    }
-
-    /// True if the reference is as right as doubles allow.
-    pub fn reference_holds(&self) -> bool {
-        self.holds(Precision::F64, self.reference)
     }
 
     fn read(&self, result: &TraceResult) -> Result<Option<f64>> {

@@ -1,18 +1,17 @@
 //! Runs a case: this program and its peers take turns, after a warm-up.
 
-use crate::bench::cases::{Case, Kind};
-use crate::bench::machine;
-use crate::bench::peers::{Peer, PeerRun};
-use crate::bench::statistics::Summary;
-use crate::cpu::profile::Profile;
-use crate::cpu::{Choices, When, vector_width};
-use crate::error::{Error, Result};
-use crate::gpu::Gpu;
-use crate::model::SceneIr;
-use crate::program::Precision;
-use crate::result::{FluxUnit, Ledger, PathEventKind, output};
-use crate::run::{RecordPaths, TraceOptions, Tracer};
-use crate::scene::Scene;
+use crate::cases::{Case, Kind};
+use crate::machine;
+use crate::peers::{Peer, PeerRun};
+use crate::statistics::Summary;
+use nsq_gpu::gpu::Gpu;
+use nsq_gpu::internals::{Choices, Profile, REPORT, When, vector_width};
+use nsq_gpu::model::SceneIr;
+use nsq_gpu::program::Precision;
+use nsq_gpu::result::{FluxUnit, Ledger, PathEventKind};
+use nsq_gpu::run::{RecordPaths, TraceOptions, Tracer};
+use nsq_gpu::scene::Scene;
+use nsq_gpu::{Error, Result};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -25,7 +24,7 @@ use tempfile::TempDir;
 pub struct Session<'a> {
     /// The device.
     pub gpu: &'a Gpu,
-    /// The path of this program, for whole commands.
+    /// The path of `nsq-gpu`, for whole commands.
     pub program: PathBuf,
     /// Measured runs of each case.
     pub num_runs: usize,
@@ -376,6 +375,12 @@ impl WholeCommand {
     fn new(case: &Case, session: &Session, precision: Precision) -> Result<Self> {
         let files = tempfile::tempdir().map_err(|error| Error::file(std::env::temp_dir(), error))?;
         let scene = files.path().join("scene.json");
+        if !session.program.is_file() {
+            let path = session.program.display();
+            return Err(Error::Usage(format!(
+                "whole commands are of `{path}`, which is missing; build it, or name another in NSQ_GPU_BINARY"
+            )));
+        }
         std::fs::write(&scene, &case.scene).map_err(|error| Error::file(&scene, error))?;
         let mut command = Command::new(&session.program);
         command.arg("trace").arg(scene).arg("-o").arg(files.path().join("out"));
@@ -398,7 +403,7 @@ impl WholeCommand {
         if !output.status.success() {
             return Err(Error::Internal(String::from_utf8_lossy(&output.stderr).trim().to_string()));
         }
-        let path = self.files.path().join("out").join(output::REPORT);
+        let path = self.files.path().join("out").join(REPORT);
         let text = std::fs::read_to_string(&path).map_err(|error| Error::file(&path, error))?;
         let report: Value =
             serde_json::from_str(&text).map_err(|error| Error::Internal(error.to_string()))?;

@@ -1,17 +1,14 @@
 //! Measures the viewer's frames per second while the user drags a large map. The map is at rest, or is being traced.
 
-use crate::bench::machine;
-use crate::bench::report::ViewerResult;
-use crate::bench::statistics::Summary;
-use crate::error::{Error, Result};
-use crate::gpu::{AdapterChoice, Gpu};
-use crate::result::{DetectorData, TraceResult};
-use crate::viewer::screenshot::Canvas;
-use crate::viewer::settings::Settings;
-use crate::viewer::tracing::Device;
-use crate::viewer::{App, Model};
-use eframe::egui::{Event, Modifiers, PointerButton, Pos2, vec2};
+use crate::machine;
+use crate::report::ViewerResult;
+use crate::statistics::Summary;
 use ndarray::Array2;
+use nsq_gpu::gpu::{AdapterChoice, Gpu};
+use nsq_gpu::internals::egui::{Event, Modifiers, PointerButton, Pos2, vec2};
+use nsq_gpu::internals::{App, Canvas, Device, Model, RENDERER, Settings};
+use nsq_gpu::result::{DetectorData, TraceResult};
+use nsq_gpu::{Error, Result};
 use serde_json::Value;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -64,7 +61,7 @@ fn measure_state(state: State, adapter: Option<&str>, num_frames: usize) -> Resu
     model.trace();
     let mut app = App::new(model);
     let window = Settings::default().window;
-    let mut canvas = Canvas::new(gpu.clone(), window, 1.0, crate::viewer::RENDERER);
+    let mut canvas = Canvas::new(gpu.clone(), window, 1.0, RENDERER);
     wait_until(&mut canvas, &mut app, |app| {
         app.frame().is_some() && (state.traces() || app.model.is_idle())
     })?;

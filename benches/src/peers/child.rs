@@ -1,6 +1,6 @@
 //! A Python process that answers requests, line by line, in JSON.
 
-use crate::error::{Error, Result};
+use nsq_gpu::{Error, Result};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
@@ -19,8 +19,6 @@ pub(super) struct Script<'a> {
     pub python: &'a Path,
     /// The script's name among the files.
     pub name: &'static str,
-    /// The script's argument, if any.
-    pub argument: Option<&'static str>,
     /// The package that this Python must have installed.
     pub package: &'static str,
 }
@@ -41,9 +39,6 @@ pub(super) struct Answer {
     /// Rays that ended on detectors.
     #[serde(default)]
     pub detected: Option<u64>,
-    /// Share of the launched flux in every pixel.
-    #[serde(default)]
-    pub map: Vec<f64>,
 }
 
 impl Files {
@@ -79,7 +74,6 @@ impl PythonChild {
         };
         let mut child = Command::new(python)
             .arg(files.0.path().join(script.name))
-            .args(script.argument)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .spawn()

@@ -1,7 +1,7 @@
 //! What a program must do to be compared.
 
-use crate::bench::cases::Case;
-use crate::error::Result;
+use crate::cases::Case;
+use nsq_gpu::Result;
 use std::collections::BTreeMap;
 
 /// A program for comparison.
@@ -20,7 +20,7 @@ pub trait Peer {
     /// Traces the case once. Returns a timing for each precision in which the peer computes.
     ///
     /// # Errors
-    /// [`crate::Error::Usage`] if the peer cannot be run, [`crate::Error::Internal`] if it launched another number of
+    /// [`nsq_gpu::Error::Usage`] if the peer cannot be run, [`nsq_gpu::Error::Internal`] if it launched another number of
     /// rays.
     fn run(&mut self, case: &Case) -> Result<Vec<PeerRun>>;
 }

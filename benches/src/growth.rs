@@ -4,15 +4,14 @@
 //! The scene is a cloud of small mirrors in random places. More mirrors are smaller ones, so that a ray meets one or two
 //! of them however many there are.
 
-use crate::bench::cases::mirror_cloud;
-use crate::bench::statistics::Summary;
-use crate::error::{Error, Result};
-use crate::gpu::Gpu;
-use crate::model::Precision;
-use crate::result::output;
-use crate::result::png::curves::{Curves, Panel, Quantity, write_curves};
-use crate::run::{TraceOptions, Tracer};
-use crate::scene::Scene;
+use crate::cases::mirror_cloud;
+use crate::statistics::Summary;
+use nsq_gpu::gpu::Gpu;
+use nsq_gpu::internals::replace_file;
+use nsq_gpu::model::Precision;
+use nsq_gpu::run::{TraceOptions, Tracer};
+use nsq_gpu::scene::Scene;
+use nsq_gpu::{Error, Result};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -26,7 +25,7 @@ const DEEP: u32 = 100_000;
 const DEPTHS: [u32; 5] = [SHALLOW, 256, 1024, 10_000, DEEP];
 const RAYS: u64 = 1_000_000;
 /// The files that `-o` writes.
-pub const FILES: &[&str] = &["growth.txt", "growth.png"];
+pub const FILES: &[&str] = &["growth.txt"];
 
 /// One point: how long a trace takes at each depth.
 #[derive(Debug, Clone)]
@@ -104,10 +103,6 @@ impl Point {
         found.map_or(f64::NAN, |(_, seconds)| seconds.median)
     }
 
-    fn seconds_per_ray(&self, depth: u32) -> f64 {
-        self.seconds(depth) / self.num_rays as f64
-    }
-
     fn line(&self) -> String {
         let shallow = self.seconds(SHALLOW);
         let mut text = String::new();
@@ -139,45 +134,14 @@ impl Growth {
         text
     }
 
-    /// Writes the table and the chart into a folder, and returns the files.
+    /// Writes the table into a folder, and returns its path.
     ///
     /// # Errors
     /// [`Error::File`] if a file cannot be written.
-    pub fn write_all(&self, dir: &Path) -> Result<Vec<PathBuf>> {
+    pub fn write(&self, dir: &Path) -> Result<PathBuf> {
         std::fs::create_dir_all(dir).map_err(|error| Error::file(dir, error))?;
-        let [table, chart] = [dir.join(FILES[0]), dir.join(FILES[1])];
-        output::write_bytes(&table, self.table().as_bytes())?;
-        write_curves(&chart, &self.curves())?;
-        Ok(vec![table, chart])
-    }
-
-    fn curves(&self) -> Curves {
-        let both = [SHALLOW, DEEP];
-        let names = both
-            .map(|depth| format!("at most {depth} events"))
-            .into_iter()
-            .chain(["as many as x says".into()]);
-        let by = |points: &[Point], x: fn(&Point) -> f64| {
-            let curve = |depth| points.iter().map(|p| (x(p), p.seconds_per_ray(depth))).collect::<Vec<_>>();
-            both.map(curve).to_vec()
-        };
-        let panel = |title: &str, curves| Panel {
-            title: title.into(),
-            y: Quantity { name: "time a ray".into(), unit: "s" },
-            curves,
-            floor: None,
-        };
-        let of_depths = DEPTHS.map(|depth| (f64::from(depth), self.depths.seconds_per_ray(depth)));
-        Curves {
-            title: "How the cost grows".into(),
-            numbers: format!("mirrors in random places, {}, {}", self.adapter, self.precision.name()),
-            x: Quantity { name: "number".into(), unit: "" },
-            series: names.collect(),
-            panels: vec![
-                panel("mirrors", by(&self.mirrors, |point| f64::from(point.num_mirrors))),
-                panel("most events", vec![Vec::new(), Vec::new(), of_depths.to_vec()]),
-                panel("rays", by(&self.rays, |point| point.num_rays as f64)),
-            ],
-        }
+        let path = dir.join(FILES[0]);
+        replace_file(&path, self.table().as_bytes())?;
+        Ok(path)
     }
 }
