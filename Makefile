@@ -44,6 +44,8 @@ TARGET_FOLDER = $(or $(CARGO_TARGET_DIR),target)
 BINARY = $(abspath $(TARGET_FOLDER)/debug/nsq-gpu)
 BUILD_ARGS =
 FAST_BINARY = $(abspath $(TARGET_FOLDER)/release/nsq-gpu)
+# What measures stands beside what it measures.
+FAST_BENCH = $(dir $(FAST_BINARY))nsq-bench
 
 .PHONY: demo docs bench bench-live accuracy fast-binary test test-rust test-python test-random test-torch test-drivers test-long test-plain gpu-report build adapter display rust-components clean
 
@@ -54,13 +56,14 @@ fast-binary:
 	@$(MAKE) --no-print-directory adapter BINARY=$(FAST_BINARY) BUILD_ARGS=--release
 
 bench: fast-binary .venv/installed
-	@$(FAST_BINARY) bench --against optiland --python .venv/bin/python -o bench-out --overwrite $(BENCH_ARGS)
+	@$(FAST_BENCH) --against optiland --python .venv/bin/python -o bench-out --overwrite $(BENCH_ARGS)
+	@.venv/bin/python benches/draw.py bench-out
 
 bench-live: fast-binary .venv/installed
 	@$(PEER_PYTHON) benches/live.py --binary $(FAST_BINARY) $(LIVE_ARGS)
 
 accuracy: fast-binary .venv/installed
-	@$(FAST_BINARY) bench --accuracy --against optiland --python $(PEER_PYTHON) -o accuracy-out --overwrite $(ACCURACY_ARGS)
+	@$(PEER_PYTHON) benches/accuracy.py --binary $(FAST_BINARY) --against optiland -o accuracy-out --overwrite $(ACCURACY_ARGS)
 
 # Links, so that an edited page is the page that is built. Every link then means the same on the site as in the repository.
 docs: .venv-docs/installed
@@ -74,14 +77,14 @@ test: test-rust test-python
 
 test-rust: adapter rust-components display
 	cargo fmt --check
-	cargo clippy --all-targets -- -D warnings
-	cargo check --no-default-features
+	cargo clippy --workspace --all-targets -- -D warnings
+	cargo check -p nsq-gpu --no-default-features
 	$(MAKE) --no-print-directory test-plain
 	RUST_TEST_THREADS="$${RUST_TEST_THREADS:-$(TEST_THREADS)}" cargo test
 
 # Without the wing for processors: the plain loop alone. With the viewer, so that dependencies are those of all other tests.
 test-plain: adapter
-	cargo test --no-default-features --features viewer --test plain
+	cargo test -p nsq-gpu --no-default-features --features viewer --test plain
 
 test-long: adapter rust-components
 	$(PYTHON) tests/long.py $(LONG_ARGS)

@@ -1,8 +1,9 @@
 """What this machine's adapter does with nsq-gpu, in one folder with a page: `make gpu-report`.
 
-A graphics processor that nobody has tried is judged in ten minutes. Only a built binary and Python are needed: no
-network, no cargo, no package. Sections of the page: adapters, agreement with Optiland's committed results, the same
-bits, speed, what slows the trace down. Exit code 1 if anything is wrong.
+A graphics processor that nobody has tried is judged in ten minutes. Only Python and the built programs are needed,
+nsq-gpu with nsq-bench beside it: no network, no cargo, no package. `NSQ_BENCH_BINARY` names nsq-bench elsewhere. Sections
+of the page: adapters, agreement with Optiland's committed results, the same bits, speed, what slows the trace down. Exit
+code 1 if anything is wrong.
 
     python3 benches/gpu_report.py --binary target/release/nsq-gpu -o gpu-report-out [--quick] [--adapter NAME]
 """
@@ -11,6 +12,7 @@ import argparse
 import ast
 import hashlib
 import json
+import os
 import statistics
 import struct
 import subprocess
@@ -39,13 +41,17 @@ FLUXES = ["detected", "tapped", "absorbed", "bulk_absorbed", "escaped", "lost"]
 class Tracer:
     """The command, on the adapter that was asked for."""
 
-    def __init__(self, binary, adapter):
-        self.binary, self.adapter = binary, ["--adapter", adapter] if adapter else []
+    def __init__(self, binary, bench, adapter):
+        self.binary, self.bench, self.adapter = binary, bench, ["--adapter", adapter] if adapter else []
 
-    def run(self, *arguments):
+    def run(self, *arguments, program=None):
         """Runs the command: its exit code, what it printed, and what it said on stderr."""
-        done = subprocess.run([self.binary, *map(str, arguments)], capture_output=True, text=True)
+        done = subprocess.run([program or self.binary, *map(str, arguments)], capture_output=True, text=True)
         return done.returncode, done.stdout, done.stderr
+
+    def measure(self, *arguments):
+        """Runs nsq-bench in the same way, on this adapter."""
+        return self.run(*arguments, *self.adapter, program=self.bench)
 
     def trace(self, scene, num_rays, *options, output=None):
         """Traces a scene: its report. With `output` the files of the result are written there."""
@@ -297,7 +303,8 @@ def main():
     parser.add_argument("--quick", action="store_true", help="every sixth scene, and few rays")
     parser.add_argument("--write-strict-bits", action="store_true", help="write the bits that others are held to")
     options = parser.parse_args()
-    tracer = Tracer(options.binary, options.adapter)
+    bench = os.environ.get("NSQ_BENCH_BINARY") or Path(options.binary).with_name("nsq-bench")
+    tracer = Tracer(options.binary, bench, options.adapter)
     if options.write_strict_bits:
         return write_strict_bits(tracer)
     options.output.mkdir(parents=True, exist_ok=True)
@@ -340,24 +347,24 @@ def main():
     stages = tracer.trace(scene_file("cooke_triplet"), 1_000_000, "--precision", "f32", "--profile")
     times = stages["diagnostics"]["stage_times"]
     section("Stages of the Cooke triplet", f"```json\n{json.dumps(times, indent=1)}\n```")
-    code, printed, said = tracer.run("bench", "--paths", "--runs", 3, "--scenes", PATH_CASES, *tracer.adapter,
-                                     *(["--max-rays", "1e5"] if options.quick else []))
+    code, printed, said = tracer.measure("--paths", "--runs", 3, "--scenes", PATH_CASES,
+                                         *(["--max-rays", "1e5"] if options.quick else []))
     section("The cost of the table of paths", f"```\n{(printed if code == 0 else said).rstrip()}\n```")
     if code:
-        wrong.append(f"bench --paths: exit code {code}")
+        wrong.append(f"nsq-bench --paths: exit code {code}")
     rows, faults = derivatives(tracer)
     section("Derivatives, beside those of Optiland's TorchBackend", judged("derivatives", faults),
             table(["scene", "parameters", "largest difference"], rows))
-    code, printed, said = tracer.run("bench", "--gradients", "--runs", 3, "--scenes", "rays_1e7,lens_0,lens_8",
-                                     *tracer.adapter, *(["--max-rays", "1e5"] if options.quick else []))
+    code, printed, said = tracer.measure("--gradients", "--runs", 3, "--scenes", "rays_1e7,lens_0,lens_8",
+                                         *(["--max-rays", "1e5"] if options.quick else []))
     section("The cost of derivatives", f"```\n{(printed if code == 0 else said).rstrip()}\n```")
     if code:
-        wrong.append(f"bench --gradients: exit code {code}")
-    code, printed, said = tracer.run("bench", "-o", options.output / "bench", "--overwrite", *tracer.adapter,
-                                     *(["--quick"] if options.quick else []))
+        wrong.append(f"nsq-bench --gradients: exit code {code}")
+    code, printed, said = tracer.measure("-o", options.output / "bench", "--overwrite",
+                                         *(["--quick"] if options.quick else []))
     section("Speed of every case", f"```\n{(printed if code == 0 else said).rstrip()}\n```")
     if code:
-        wrong.append(f"bench: exit code {code}")
+        wrong.append(f"nsq-bench: exit code {code}")
     section("Verdict", "All is right." if not wrong else "\n".join(f"- {fault}" for fault in wrong))
     return 1 if wrong else 0
 

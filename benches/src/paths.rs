@@ -6,7 +6,7 @@ use crate::cases::{Case, Kind};
 use nsq_gpu::gpu::Gpu;
 use nsq_gpu::internals::{Choices, When};
 use nsq_gpu::program::Precision;
-use nsq_gpu::run::{StandardError, TraceOptions, Tracer};
+use nsq_gpu::run::{Collect, StandardError, TraceOptions, Tracer};
 use nsq_gpu::scene::Scene;
 use nsq_gpu::{Error, Result};
 use std::fmt::Write;
@@ -40,7 +40,7 @@ pub fn measure(gpu: &Gpu, case: &Case, precision: Precision, num_runs: usize) ->
     // As in the midst of a long trace.
     let is_long = if case.num_rays >= 10_000_000 { When::Always } else { When::ItPays };
     let choices = Choices { second_device: is_long, side_paths: is_long, ..Choices::default() };
-    let with_table = TraceOptions { collect: crate::run::Collect::paths(), ..options.clone() };
+    let with_table = TraceOptions { collect: Collect::paths(), ..options.clone() };
     let mut tracers = [
         Tracer::plain(gpu, &ir, &options)?,
         Tracer::with_choices(gpu, &ir, &options, &choices, |wgsl| wgsl)?,

@@ -1,7 +1,7 @@
 """Scene files -> live scenes.
 
 Optiland's own ``from_json`` knows nothing of the ``nsq_gpu`` block and leaves a source's medium as a string. This
-module imports no other one of the package, but where a scene has a source, a shape, a coating or a scattering law of its own: ``nsq-gpu bench`` carries it alone.
+module imports no other one of the package, but where a scene has a source, a shape, a coating or a scattering law of its own: ``nsq-bench`` carries it alone.
 
 Which materials are one object matters to Optiland, because its medium stack compares identities: every component of
 version 1 resolves its own catalog glass, a medium of the block is one object per name, and the block's surfaces and

@@ -1,10 +1,12 @@
-"""``nsq-gpu bench --against optiland`` runs the installed Optiland on the benchmark's own scenes."""
+"""``nsq-bench --against optiland`` runs the installed Optiland on the benchmark's own scenes."""
 
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 from tools import make_speed_table
 
@@ -12,9 +14,10 @@ CASES = ["rays_1e3", "surfaces_5", "depth_2", "lens_0", "spheres_100", "double_g
 
 
 def test_optiland_traces_every_kind_of_case(command: list[str]) -> None:
-    arguments = ["bench", "--max-rays", "100", "--runs", "1", "--precision", "f32", "--json"]
+    bench = os.environ.get("NSQ_BENCH_BINARY") or Path(command[0]).with_name("nsq-bench")
+    arguments = ["--max-rays", "100", "--runs", "1", "--precision", "f32", "--json"]
     arguments += ["--scenes", ",".join(CASES), "--against", "optiland", "--python", sys.executable]
-    done = subprocess.run([*command, *arguments], capture_output=True, text=True, check=False)
+    done = subprocess.run([bench, *arguments], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     report = json.loads(done.stdout)
     assert report["peers"]["optiland"]["optiland"] == "0.6.3"

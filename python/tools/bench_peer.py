@@ -1,4 +1,4 @@
-"""Traces scene files with Optiland's NumPy or Torch backend: the peer of ``nsq-gpu bench --against optiland``.
+"""Traces scene files with Optiland's NumPy or Torch backend: the peer of ``nsq-bench`` and ``accuracy.py``.
 
 Says on stdout which versions it runs, then answers each line of stdin, both in JSON::
 
@@ -9,7 +9,7 @@ policy and each ray in one pixel, and the answer has ``"map"``: the share of the
 argument is the backend, ``numpy`` or ``torch``.
 
 ``seconds`` is Optiland's own ``trace_time_sec``, without the building of the scene. ``scene_file.py`` is looked for
-beside this file, where ``nsq-gpu`` puts it, and in the package.
+beside this file, where ``nsq-bench`` puts it, and in the package.
 """
 
 from __future__ import annotations

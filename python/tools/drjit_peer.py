@@ -1,4 +1,4 @@
-"""Traces Optiland's benchmark lens with a Dr.Jit kernel written by hand: the peer of ``nsq-gpu bench --against drjit``.
+"""Traces Optiland's benchmark lens with a Dr.Jit kernel written by hand: the peer of ``nsq-bench --against drjit``.
 
 Says on stdout which versions it runs, then answers each line of stdin, both in JSON::
 

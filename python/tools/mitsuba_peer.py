@@ -1,4 +1,4 @@
-"""Traces benchmark scenes with Mitsuba 3 and Embree: the peer of ``nsq-gpu bench --against mitsuba``.
+"""Traces benchmark scenes with Mitsuba 3 and Embree: the peer of ``nsq-bench --against mitsuba``.
 
 Says on stdout which versions it runs, then answers each line of stdin, both in JSON::
 

@@ -1,4 +1,4 @@
-//! How work is cut for an adapter. `nsq-gpu bench --tune` measures what suits the adapter, and keeps it in the user's
+//! How work is cut for an adapter. `nsq-bench --tune` measures what suits the adapter, and keeps it in the user's
 //! cache. No tuning changes a result.
 
 use crate::error::{Error, Result};

@@ -4,7 +4,7 @@
 //! lock of a queue that is busy with passes, and each frame queues behind a pass. A lost device would also take the
 //! window with it.
 //!
-//! Medians of `nsq-gpu bench --scenes viewer` on lavapipe, with two cores that others use too. A map of 2048 x 2048
+//! Medians of `nsq-bench --scenes viewer` on lavapipe, with two cores that others use too. A map of 2048 x 2048
 //! cells is traced. A still window of this size takes 131 ms to draw there, by software.
 //!
 //! | device | program's part of a frame | whole frame | rays/s beside it |
