@@ -11,20 +11,26 @@ use std::path::Path;
 use syn::visit::Visit;
 
 /// The rooms of src/, each of which may import from itself and from those before it. This is the one list of layers.
-const LAYERS: [&str; 18] = [
+const LAYERS: [&str; 20] = [
     "format", // numbers and names for people
     "error",  // what can go wrong
-    "mesa", "folders", "placing", "count",   // the machine's ways
-    "gpu",     // wgpu and nothing else
-    "shaders", // the text of the shaders
-    "model",   // the scene as traced
-    "scene",   // what the user wrote -> model
-    "program", // model -> WGSL and bytes
-    "result",  // sums -> maps, ledger, files
-    "engine",  // the plain loop
-    "cpu",     // what is done otherwise on processors
-    "run",     // a run: tracer, precision, stopping, checkpoints
-    "viewer", "cli", // whoever calls the library
+    "mesa",
+    "folders",
+    "placing",
+    "count",       // the machine's ways
+    "gpu",         // wgpu and nothing else
+    "shaders",     // the text of the shaders
+    "model",       // the scene as traced
+    "scene",       // what the user wrote -> model
+    "program",     // model -> WGSL and bytes
+    "result",      // sums -> maps, ledger, files
+    "engine",      // the plain loop
+    "paths",       // addition: light by its path
+    "derivatives", // addition: tangents and adjoints
+    "cpu",         // addition: what is done otherwise on processors
+    "run",         // a run: tracer, precision, stopping, checkpoints
+    "viewer",
+    "cli", // whoever calls the library
     "lib",
 ];
 

@@ -272,3 +272,65 @@ impl Additions {
         self.0.iter_mut().for_each(|addition| addition.keep_one_device());
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::engine::prepare::prepare;
+    use crate::engine::undrained::empty_tally;
+    use crate::engine::wavefront;
+    use crate::gpu::AdapterChoice;
+    use crate::program::addition::ShaderAddition;
+    use crate::program::prepared::Prepared;
+    use crate::shaders::ShaderFile;
+    use std::sync::Arc;
+
+    // An addition of ten lines: rays see no further than three events.
+    #[derive(Debug)]
+    struct ShortSight;
+
+    impl ProgramAddition for ShortSight {
+        fn shader(&self, _scene: &Prepared) -> Arc<dyn ShaderAddition> {
+            Arc::new(ShortSight)
+        }
+    }
+
+    impl ShaderAddition for ShortSight {
+        fn replaces(&self, slot: &str) -> Option<ShaderFile> {
+            let text = "fn intersect(ray: Ray) -> Hit {\n    if ray.bounce >= 3u { return Hit(MISS, NONE); }\n    \
+                        return plain_intersect(ray);\n}\n";
+            (slot == "stages/hit").then_some(ShaderFile { path: "of a test", text })
+        }
+    }
+
+    impl Addition for ShortSight {}
+
+    /// Two mirrors between which a part of the light is caught.
+    const TRAP: &str = r#"{"nsq_schema_version": 1,
+        "components": [
+            {"type": "mirror", "name": "A", "cs": {"z": 10}, "config": {"radius": Infinity, "reflectance": 0.99, "aperture_radius": 5}},
+            {"type": "mirror", "name": "B", "cs": {"z": -10}, "config": {"radius": Infinity, "reflectance": 0.98, "aperture_radius": 5}}],
+        "sources": [{"type": "collimated", "name": "S", "cs": {}, "spectrum": {"wavelengths": [0.55], "weights": [1]}, "total_flux": 1, "aperture_radius": 10}],
+        "detectors": [{"type": "irradiance", "name": "D", "cs": {"z": 20}, "width": 20, "height": 20, "num_pixels_x": 8, "num_pixels_y": 8, "absorb": true}]}"#;
+
+    #[test]
+    fn an_addition_of_ten_lines_is_traced() {
+        if crate::gpu::list_adapters().is_empty() {
+            return;
+        }
+        let gpu = Gpu::open(&AdapterChoice::default()).unwrap();
+        let ir = crate::Scene::from_json(TRAP).unwrap().lower().unwrap();
+        let traced = |max_depth, mut additions: Additions| {
+            let options = TraceOptions { num_rays: 5000, max_depth, ..Default::default() };
+            let mut engine = prepare(&gpu, &ir, &options, &mut additions, |wgsl| wgsl).unwrap();
+            wavefront::trace(&mut engine, &mut additions, empty_tally(&ir), |_| Ok(true)).unwrap()
+        };
+        let [plain, short] = [traced(3, Additions::default()), traced(64, Additions::one(ShortSight))];
+        // Whoever has had three events ends there, by the depth limit or by seeing nothing.
+        assert!(plain.depth_killed.count > 1000 && plain.escaped.count == 0);
+        assert_eq!((short.escaped, short.depth_killed.count), (plain.depth_killed, 0));
+        assert_eq!(short.detectors, plain.detectors);
+        assert_eq!(traced(64, Additions::default()).escaped.count, 0);
+    }
+}

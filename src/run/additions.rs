@@ -102,3 +102,78 @@ pub(crate) fn for_adapter(gpu: &Gpu, options: &TraceOptions, choices: &Choices) 
         _ => asked,
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::model::PathFilter;
+    use crate::program::rewrite::jvp::Tangents;
+    use crate::scene::Scene;
+    use std::sync::Arc;
+
+    const ALL: [Kind; 7] = [
+        Kind::PathTable,
+        Kind::PathFilter,
+        Kind::PathMaps,
+        Kind::PathEvents,
+        Kind::Tangents,
+        Kind::Adjoints,
+        Kind::Cpu,
+    ];
+
+    /// Asks for an addition.
+    fn ask(kind: Kind, options: &mut TraceOptions) {
+        match kind {
+            Kind::PathTable => options.collect = Collect::paths(),
+            Kind::PathMaps => options.collect = Collect::PathMaps(1),
+            Kind::PathEvents => options.collect = Collect::Events { ends: false },
+            Kind::Tangents => options.collect = Collect::Tangents(Arc::new(Tangents { parameters: vec![] })),
+            Kind::Adjoints => options.collect = Collect::Adjoints,
+            Kind::PathFilter => {
+                let example = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/example.json");
+                let ir = Scene::from_path(example.as_ref()).unwrap().lower().unwrap();
+                options.path_filter = Some(Arc::new(PathFilter::parse("source(beam)", &ir).unwrap()));
+            }
+            // Nobody asks for what pays.
+            Kind::Cpu => {}
+        }
+    }
+
+    #[test]
+    fn the_table_has_every_pair_once() {
+        let pairs: Vec<(Kind, Kind)> = COMPOSITIONS.iter().map(|&(one, two, _)| (one, two)).collect();
+        let every = ALL.iter().enumerate().flat_map(|(i, one)| ALL[i + 1..].iter().map(|two| (*one, *two)));
+        assert_eq!(pairs, every.collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn options_hold_the_pairs_that_the_table_has_together() {
+        for &(one, two, together) in COMPOSITIONS.iter().filter(|(_, two, _)| *two != Kind::Cpu) {
+            let mut options = TraceOptions::default();
+            ask(one, &mut options);
+            ask(two, &mut options);
+            let asked = kinds(&options);
+            let both = asked.contains(&one) && asked.contains(&two);
+            assert_eq!(both, together == Together::Yes, "{one:?} and {two:?}: {asked:?}");
+        }
+    }
+
+    #[cfg(feature = "cpu")]
+    #[test]
+    fn what_pays_on_processors_stands_aside_where_the_table_says_so() {
+        use crate::cpu::When;
+        use crate::gpu::AdapterChoice;
+        if crate::gpu::list_adapters().is_empty() {
+            return;
+        }
+        let gpu = Gpu::open(&AdapterChoice::default()).unwrap();
+        let forced = Choices { side_by_side: When::Always, ..Choices::default() };
+        for &(one, _, together) in COMPOSITIONS.iter().filter(|(_, two, _)| *two == Kind::Cpu) {
+            let mut options = TraceOptions::default();
+            ask(one, &mut options);
+            let has_cpu = for_adapter(&gpu, &options, &forced).get::<Cpu>().is_some();
+            assert_eq!(has_cpu, together == Together::Yes, "{one:?}");
+        }
+    }
+}
