@@ -31,7 +31,7 @@ fn interact(ray: ptr<function, Ray>, surface: Surface, primitive: u32) {
     plain_interact(ray, surface, primitive);
     if (*ray).fate == ALIVE {
         extend_path(step_kind, primitive);
-        tell_step(*ray, primitive);
+        report_step(*ray, primitive);
     }
 }
 

@@ -44,4 +44,4 @@ fn add_signed_to_path(at: u32, value: real) {
 
 fn flush_path() {}
 
-fn tell_step(ray: Ray, primitive: u32) {}
+fn report_step(ray: Ray, primitive: u32) {}

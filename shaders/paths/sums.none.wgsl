@@ -6,4 +6,4 @@ fn sum_up_path(ray: Ray, kind: u32, number: u32, place: u32) -> bool {
 
 fn flush_path() {}
 
-fn tell_step(ray: Ray, primitive: u32) {}
+fn report_step(ray: Ray, primitive: u32) {}

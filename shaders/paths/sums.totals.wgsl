@@ -1,5 +1,5 @@
 // Sums up a deposit by its path: the number of rays, their quanta, and the squares of their weights. Twin of
-// sums.maps.wgsl, sums.told.wgsl and sums.none.wgsl.
+// sums.maps.wgsl, sums.events.wgsl and sums.none.wgsl.
 //
 // An invocation keeps the sums of one path. The sums go to the table when another path comes, and at the end. Where an
 // invocation follows several rays, most of which take one path, that spares most atomics.
@@ -73,4 +73,4 @@ fn flush_path() {
     }
 }
 
-fn tell_step(ray: Ray, primitive: u32) {}
+fn report_step(ray: Ray, primitive: u32) {}

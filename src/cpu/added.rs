@@ -5,7 +5,7 @@ use crate::cpu::path::main_path::{MainPath, PilotPath};
 use crate::cpu::path::path_log::{self, LoggedScene, PathLog};
 use crate::cpu::path::side_path::SidePath;
 use crate::program::Program;
-use crate::program::prepared::Prepared;
+use crate::program::input::ProgramInput;
 use std::sync::LazyLock;
 
 /// What is asked for. No part of it changes a bit of a result.
@@ -42,8 +42,8 @@ pub struct CpuExtension {
 
 impl CpuExtension {
     /// What is added to a scene of what is wanted.
-    pub fn of(scene: &Prepared, wanted: &Wanted) -> Self {
-        let Prepared { ir, options, features, cells, contacts, .. } = scene;
+    pub fn of(scene: &ProgramInput, wanted: &Wanted) -> Self {
+        let ProgramInput { ir, options, features, cells, contacts, .. } = scene;
         let log = EndLog::of(ir, features, cells, options, scene.constant_weights);
         let Some(log) = log.filter(|_| wanted.host_sums) else { return CpuExtension::default() };
         let pilot = wanted.main_path.as_ref();
@@ -95,7 +95,7 @@ impl CpuExtension {
 /// Rays that an invocation follows along a path one after the other. Their bins then go to memory once for all of them. It is
 /// one where the path takes nothing from its rays, or their weights report what it takes: a loop would cost more than it
 /// spares. It is one, too, where a single ray already has long loops.
-fn rays_per_invocation(scene: &Prepared, log: Option<&PathLog>) -> u32 {
+fn rays_per_invocation(scene: &ProgramInput, log: Option<&PathLog>) -> u32 {
     let [.., gaussian] = scene.features.splats;
     let deposits_nothing =
         scene.features.keeps_weight || log.is_some_and(|log| log.attenuating_legs.is_some());

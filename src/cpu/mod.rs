@@ -27,14 +27,14 @@ use crate::engine::device::DeviceState;
 use crate::engine::dispatch::Route;
 use crate::engine::limits::{DispatchLimits, WORKGROUPS_PER_PROCESSOR};
 use crate::engine::options::TraceOptions;
-use crate::engine::plan::Plan;
+use crate::engine::plan::TracePlan;
 use crate::engine::stages::{AddedStage, ExtraBindings};
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::model::SceneIr;
 use crate::program::addition::{ProgramAddition, ShaderAddition};
+use crate::program::input::ProgramInput;
 use crate::program::layout::bindings;
-use crate::program::prepared::Prepared;
 use crate::program::{Program, ProgramOptions, RayRange};
 use crate::result::Tally;
 use std::sync::Arc;
@@ -92,7 +92,7 @@ impl Cpu {
     }
 
     /// What the program needs of a device: logs, the ids of rejected rays, and a stage for each path.
-    fn extra(&mut self, gpu: &Gpu, plan: &Plan, logs: &DeviceLogs) -> Result<ExtraBindings> {
+    fn extra(&mut self, gpu: &Gpu, plan: &TracePlan, logs: &DeviceLogs) -> Result<ExtraBindings> {
         let program = &plan.program;
         let mut shared = Vec::new();
         if CpuExtension::of_program(program).main_path.is_some() {
@@ -219,13 +219,13 @@ fn note_first_end(engine: &mut Engine, logs: &EndLogs) {
 }
 
 impl ProgramAddition for Wanted {
-    fn shader(&self, scene: &Prepared) -> Arc<dyn ShaderAddition> {
+    fn shader(&self, scene: &ProgramInput) -> Arc<dyn ShaderAddition> {
         Arc::new(CpuExtension::of(scene, self))
     }
 }
 
 impl ProgramAddition for Cpu {
-    fn shader(&self, scene: &Prepared) -> Arc<dyn ShaderAddition> {
+    fn shader(&self, scene: &ProgramInput) -> Arc<dyn ShaderAddition> {
         self.wanted.shader(scene)
     }
 }
@@ -271,8 +271,8 @@ impl Addition for Cpu {
         DispatchLimits { default_rays, most_rays: log.max_rays(added.path_log.as_ref()), processors }
     }
 
-    fn open(&mut self, gpu: &Gpu, plan: &Plan) -> Result<ExtraBindings> {
-        let Plan { program, options, .. } = plan;
+    fn open(&mut self, gpu: &Gpu, plan: &TracePlan) -> Result<ExtraBindings> {
+        let TracePlan { program, options, .. } = plan;
         let added = CpuExtension::of_program(program);
         let Some(log) = &added.end_log else { return Ok(ExtraBindings::default()) };
         let mut logs = EndLogs::new(gpu, log.clone(), added.path_log.clone(), &program.cells, plan.batch)?;
@@ -331,12 +331,12 @@ impl Addition for Cpu {
         self.mark_paths_reached(&engine.plan.program, tally);
         let Some(logs) = &mut self.logs else { return Ok(()) };
         let ends = logs.take(&engine.plan.program.cells)?;
-        let mut intake = engine.intake(tally);
+        let mut readback = engine.readback(tally);
         let counts = (0..).zip(ends.counts.iter().copied());
-        counts.filter(|(_, count)| *count > 0).for_each(|(counter, count)| intake.count(counter, count));
+        counts.filter(|(_, count)| *count > 0).for_each(|(counter, count)| readback.count(counter, count));
         let quanta = (0..).zip(ends.quanta());
-        quanta.filter(|(_, sum)| *sum > 0).for_each(|(cell, sum)| intake.sum(cell, sum));
-        intake.finish(engine.plan.reached_marks());
+        quanta.filter(|(_, sum)| *sum > 0).for_each(|(cell, sum)| readback.sum(cell, sum));
+        readback.finish(engine.plan.reached_marks());
         Ok(())
     }
 

@@ -19,12 +19,12 @@ use rayon::prelude::*;
 use std::sync::Arc;
 
 /// The numbers that a program reads, by binding; those of sources apart, one after the other.
-pub(crate) struct Numbers {
+pub(crate) struct ProgramNumbers {
     pub(crate) buffers: Vec<(u32, Vec<f64>)>,
     pub(crate) sources: Vec<Vec<f64>>,
 }
 
-impl Numbers {
+impl ProgramNumbers {
     /// Those of a scene, composed as another program is. `first` is the module of the traced scene's text: scenes of one shape
     /// have the same text, because their numbers are live. None if this one's text is another.
     fn of(
@@ -43,7 +43,7 @@ impl Numbers {
         if !is_alike {
             return Ok(None);
         }
-        Ok(Some(Numbers::in_program(&program?)))
+        Ok(Some(ProgramNumbers::in_program(&program?)))
     }
 
     fn in_program(program: &Program) -> Self {
@@ -52,7 +52,7 @@ impl Numbers {
         let buffers = program.buffers.iter().map(|(binding, bytes)| (*binding, reals(*binding, bytes)));
         let sources = program.source_uniforms.iter().map(|bytes| reals(bindings::SOURCE, bytes)).collect();
         let buffers = buffers.filter(|(_, reals)| !reals.is_empty()).collect();
-        Numbers { buffers, sources }
+        ProgramNumbers { buffers, sources }
     }
 
     fn all_mut(&mut self) -> impl Iterator<Item = &mut f64> {
@@ -75,7 +75,7 @@ fn composed(
 }
 
 /// A program as it is composed in f64.
-pub(crate) struct AsComposed {
+pub(crate) struct ComposedInF64 {
     /// Its text: where its numbers lie.
     pub(crate) parsed: Arc<Parsed>,
     /// Its numbers, one after the other.
@@ -83,35 +83,35 @@ pub(crate) struct AsComposed {
 }
 
 /// A program of the traced scene as it is composed in f64.
-pub(crate) fn as_composed(
+pub(crate) fn composed_in_f64(
     ir: &SceneIr,
     options: &TraceOptions,
     program: &Program,
     all: &[&dyn ProgramAddition],
-) -> Result<AsComposed> {
+) -> Result<ComposedInF64> {
     let parse = |wgsl: String| match wgsl == program.parsed.wgsl {
         // Rewriting leaves the buffers of numbers as they are.
         true => Ok(program.parsed.clone()),
         false => Parsed::as_composed(wgsl).map(Arc::new),
     };
     let composed = composed(ir, options, &program.options, all, parse)?;
-    let numbers = Numbers::in_program(&composed).all_mut().map(|value| *value).collect();
-    Ok(AsComposed { parsed: composed.parsed, numbers })
+    let numbers = ProgramNumbers::in_program(&composed).all_mut().map(|value| *value).collect();
+    Ok(ComposedInF64 { parsed: composed.parsed, numbers })
 }
 
-/// The derivatives of a program's numbers by each parameter. `first` is the program of the traced scene ([`as_composed`]). A
+/// The derivatives of a program's numbers by each parameter. `first` is the program of the traced scene ([`composed_in_f64`]). A
 /// number that no scene changes has a derivative of 0 exactly.
-pub(crate) fn slopes(
+pub(crate) fn parameter_jacobian(
     options: &TraceOptions,
     program: &Program,
-    first: &AsComposed,
+    first: &ComposedInF64,
     parameters: &[Parameter],
     all: &[&dyn ProgramAddition],
-) -> Result<Vec<Numbers>> {
+) -> Result<Vec<ProgramNumbers>> {
     let mut found = Vec::new();
     for parameter in parameters {
         let of_scene = |(factor, scene): &(f64, SceneIr)| {
-            let mut numbers = Numbers::of(scene, options, &program.options, &first.parsed, all)?.ok_or_else(|| {
+            let mut numbers = ProgramNumbers::of(scene, options, &program.options, &first.parsed, all)?.ok_or_else(|| {
                 Error::Usage(format!(
                     "`{}` has no derivative here: a small change of it changes what the scene is made of, such as whether faces touch",
                     shown(&parameter.name)
@@ -120,12 +120,12 @@ pub(crate) fn slopes(
             numbers.all_mut().zip(&first.numbers).for_each(|(value, here)| *value = (*value - here) * factor);
             Ok(numbers)
         };
-        let all = parameter.stencil.par_iter().map(of_scene).collect::<Result<Vec<Numbers>>>()?;
+        let all = parameter.stencil.par_iter().map(of_scene).collect::<Result<Vec<ProgramNumbers>>>()?;
         let sum = all.into_iter().reduce(|mut sum, mut numbers| {
             sum.all_mut().zip(numbers.all_mut()).for_each(|(sum, value)| *sum += *value);
             sum
         });
-        found.push(sum.unwrap_or_else(|| Numbers { buffers: Vec::new(), sources: Vec::new() }));
+        found.push(sum.unwrap_or_else(|| ProgramNumbers { buffers: Vec::new(), sources: Vec::new() }));
     }
     Ok(found)
 }
@@ -134,12 +134,12 @@ pub(crate) fn slopes(
 pub(super) fn add_tangents(
     options: &TraceOptions,
     program: &mut Program,
-    first: &AsComposed,
+    first: &ComposedInF64,
     parameters: &[Parameter],
     all: &[&dyn ProgramAddition],
 ) -> Result<()> {
     let mut added = Vec::new();
-    for (number, sum) in (1..).zip(slopes(options, program, first, parameters, all)?) {
+    for (number, sum) in (1..).zip(parameter_jacobian(options, program, first, parameters, all)?) {
         let place = |binding: u32, num_bytes: usize, reals: &[f64]| {
             let twin = binding + number * BINDING_STRIDE;
             place_reals(&program.module, twin, program.options.precision, num_bytes, reals)

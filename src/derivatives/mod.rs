@@ -9,7 +9,7 @@ pub(crate) mod jacobian;
 pub(crate) mod walk;
 mod wgsl;
 
-use crate::derivatives::jacobian::{add_tangents, as_composed};
+use crate::derivatives::jacobian::{add_tangents, composed_in_f64};
 use crate::derivatives::wgsl::DerivativeShader;
 use crate::engine::addition::Addition;
 use crate::engine::options::{Collect, TraceOptions};
@@ -17,8 +17,8 @@ use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::model::SceneIr;
 use crate::program::addition::{ProgramAddition, ShaderAddition};
+use crate::program::input::ProgramInput;
 use crate::program::layout::tables::Cells;
-use crate::program::prepared::Prepared;
 use crate::program::rewrite::jvp::Tangents;
 use crate::program::{Features, Program, ProgramOptions, SecondMoments};
 use std::sync::Arc;
@@ -86,7 +86,7 @@ impl ProgramAddition for Derivatives {
         true
     }
 
-    fn shader(&self, scene: &Prepared) -> Arc<dyn ShaderAddition> {
+    fn shader(&self, scene: &ProgramInput) -> Arc<dyn ShaderAddition> {
         Arc::new(DerivativeShader::new(self.num_tangents(), scene))
     }
 }
@@ -122,7 +122,7 @@ impl Addition for Derivatives {
         all: &[&dyn ProgramAddition],
     ) -> Result<()> {
         let Derivatives::Tangents(tangents) = self else { return Ok(()) };
-        let first = as_composed(ir, options, program, all)?;
+        let first = composed_in_f64(ir, options, program, all)?;
         add_tangents(options, program, &first, &tangents.parameters, all)
     }
 }

@@ -2,7 +2,7 @@
 //! ([`crate::program::rewrite::transpose`]).
 
 use crate::derivatives::Derivatives;
-use crate::derivatives::jacobian::{AsComposed, Numbers, as_composed, slopes};
+use crate::derivatives::jacobian::{ComposedInF64, ProgramNumbers, composed_in_f64, parameter_jacobian};
 use crate::engine::addition::Additions;
 use crate::engine::options::{Collect, TraceOptions};
 use crate::engine::retrace::{After, Batch, Retrace, Retracing, Source, trace_again};
@@ -36,7 +36,7 @@ pub(crate) struct Walker<'a> {
     gpu: &'a Gpu,
     pub(crate) again: Retrace,
     /// The text in f64: where its numbers lie.
-    first: AsComposed,
+    first: ComposedInF64,
     /// The numbers that have adjoints.
     pub(crate) layout: Layout,
 }
@@ -60,7 +60,7 @@ impl<'a> Walker<'a> {
         let options = TraceOptions { collect: Collect::Adjoints, ..options.clone() };
         let filter = Paths::of(&options).map(Additions::one).unwrap_or_default();
         let again = Retrace::new(gpu, ir, &options, filter.and(Derivatives::Adjoints), source)?;
-        let first = as_composed(ir, &options, &again.plan.program, &again.additions.of_program())?;
+        let first = composed_in_f64(ir, &options, &again.plan.program, &again.additions.of_program())?;
         let layout = Layout::of(&first.parsed.module, Scalar::F64);
         if layout.num_numbers() > MOST_NUMBERS {
             return Err(Error::NoWayBack(format!("{} numbers at once", layout.num_numbers())));
@@ -72,9 +72,13 @@ impl<'a> Walker<'a> {
     ///
     /// # Errors
     /// [`Error::Usage`] if a small change of a parameter changes what the scene is made of.
-    pub(crate) fn jacobian(&self, options: &TraceOptions, parameters: &[Parameter]) -> Result<Vec<Numbers>> {
+    pub(crate) fn jacobian(
+        &self,
+        options: &TraceOptions,
+        parameters: &[Parameter],
+    ) -> Result<Vec<ProgramNumbers>> {
         let all: Vec<&dyn ProgramAddition> = self.again.additions.of_program();
-        slopes(options, &self.again.plan.program, &self.first, parameters, &all)
+        parameter_jacobian(options, &self.again.plan.program, &self.first, parameters, &all)
     }
 
     /// Walks all rays back, from the adjoints of the detectors' cells, in units of the loss per unit of weight. Gives sums by

@@ -6,9 +6,9 @@ use crate::model::primitives::primitives;
 use crate::model::shapes::{Normal, Quadric};
 use crate::model::{Shape, ShapeKind};
 use crate::program::addition::ShaderAddition;
+use crate::program::input::ProgramInput;
 use crate::program::layout::records::Records;
 use crate::program::layout::{bindings, tables};
-use crate::program::prepared::Prepared;
 use crate::program::rewrite::jvp::NUM_TANGENTS;
 use crate::program::rewrite::{jvp, transpose};
 use crate::program::wgsl::composition::Composition;
@@ -31,7 +31,7 @@ pub(super) struct DerivativeShader {
 }
 
 impl DerivativeShader {
-    pub(super) fn new(num_tangents: u32, scene: &Prepared) -> Self {
+    pub(super) fn new(num_tangents: u32, scene: &ProgramInput) -> Self {
         let branch = match scene.features.importance {
             true => shader!("derivatives/branch.importance.wgsl"),
             false => shader!("derivatives/branch.fresnel.wgsl"),

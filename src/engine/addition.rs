@@ -9,7 +9,7 @@ use crate::engine::Engine;
 use crate::engine::device::DeviceState;
 use crate::engine::limits::DispatchLimits;
 use crate::engine::options::TraceOptions;
-use crate::engine::plan::Plan;
+use crate::engine::plan::TracePlan;
 use crate::engine::stages::ExtraBindings;
 use crate::error::Result;
 use crate::gpu::Gpu;
@@ -51,14 +51,14 @@ pub(crate) trait Addition: ProgramAddition + Any {
     }
 
     /// The buffers and stages that the program needs on a device, beside the engine's own.
-    fn open(&mut self, _gpu: &Gpu, _plan: &Plan) -> Result<ExtraBindings> {
+    fn open(&mut self, _gpu: &Gpu, _plan: &TracePlan) -> Result<ExtraBindings> {
         Ok(ExtraBindings::default())
     }
 
     /// Sets the seed of the draws from now on.
     fn set_seed(&mut self, _seed: u64) {}
 
-    /// Discards what an earlier trace left that failed half-way.
+    /// Discards what an earlier trace left that failed half-route.
     fn discard(&mut self) {}
 
     /// Begins a trace that goes on from a tally.
@@ -102,7 +102,7 @@ pub(crate) trait Addition: ProgramAddition + Any {
         Ok(())
     }
 
-    /// Finishes the work that passes have left under way.
+    /// Finishes the work that passes have left under route.
     fn settle(&mut self, _engine: &mut Engine) -> Result<()> {
         Ok(())
     }
@@ -117,7 +117,7 @@ pub(crate) trait Addition: ProgramAddition + Any {
         Ok(())
     }
 
-    /// The devices that the addition has opened beside the engine's. All are drained in the same way.
+    /// The devices that the addition has opened beside the engine's. All are drained in the same route.
     fn devices(&self) -> &[DeviceState] {
         &[]
     }
@@ -182,7 +182,7 @@ impl Additions {
     }
 
     /// As [`Addition::open`]. The number is of the additions that bind anything.
-    pub(crate) fn open(&mut self, gpu: &Gpu, plan: &Plan) -> Result<(ExtraBindings, usize)> {
+    pub(crate) fn open(&mut self, gpu: &Gpu, plan: &TracePlan) -> Result<(ExtraBindings, usize)> {
         let mut all = (ExtraBindings::default(), 0);
         for addition in &mut self.0 {
             let extra = addition.open(gpu, plan)?;
@@ -212,7 +212,7 @@ impl Additions {
         self.0.iter().find_map(|addition| addition.range_rays(engine)).unwrap_or_else(|| engine.size.rays())
     }
 
-    /// Traces a range: in the plain way, unless an addition does.
+    /// Traces a range: in the plain route, unless an addition does.
     pub(crate) fn trace(&mut self, engine: &mut Engine, range: &RayRange) -> Result<()> {
         for addition in &mut self.0 {
             if addition.trace(engine, range)? {
@@ -282,7 +282,7 @@ mod tests {
     use crate::engine::wavefront;
     use crate::gpu::AdapterChoice;
     use crate::program::addition::ShaderAddition;
-    use crate::program::prepared::Prepared;
+    use crate::program::input::ProgramInput;
     use crate::shaders::ShaderFile;
     use std::sync::Arc;
 
@@ -291,7 +291,7 @@ mod tests {
     struct ShortSight;
 
     impl ProgramAddition for ShortSight {
-        fn shader(&self, _scene: &Prepared) -> Arc<dyn ShaderAddition> {
+        fn shader(&self, _scene: &ProgramInput) -> Arc<dyn ShaderAddition> {
             Arc::new(ShortSight)
         }
     }

@@ -1,6 +1,6 @@
 //! A program on a device: its stages, its buffers, and the groups that bind them.
 
-use crate::engine::intake::Intake;
+use crate::engine::readback::Readback;
 use crate::engine::stages::{ExtraBindings, RoundStages, Stages};
 use crate::engine::sums::DeviceSums;
 use crate::error::{Error, Result};
@@ -149,11 +149,11 @@ impl DeviceState {
         self.gpu.queue.write_buffer(&self.rng_table, 0, rng_table);
     }
 
-    /// Passes the sums to `intake`, and clears them.
-    pub(crate) fn drain(&self, intake: &mut Intake) -> Result<()> {
-        self.counters.read(&self.gpu, |counter, count| intake.count(counter, count as u64))?;
+    /// Passes the sums to `readback`, and clears them.
+    pub(crate) fn drain(&self, readback: &mut Readback) -> Result<()> {
+        self.counters.read(&self.gpu, |counter, count| readback.count(counter, count as u64))?;
         for sums in [Some(&self.sums), self.tops.as_ref()].into_iter().flatten() {
-            sums.read(&self.gpu, |cell, quanta| intake.sum(cell, quanta))?;
+            sums.read(&self.gpu, |cell, quanta| readback.sum(cell, quanta))?;
         }
         self.clear_sums();
         Ok(())

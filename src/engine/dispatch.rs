@@ -3,7 +3,7 @@
 use crate::engine::device::DeviceState;
 use crate::engine::dispatch_size::PASS_TIME;
 use crate::engine::limits::{MAX_COUNTS_PER_PASS, grid, num_rounds};
-use crate::engine::plan::Plan;
+use crate::engine::plan::TracePlan;
 use crate::engine::rounds::{RoundsLeft, unasked};
 use crate::error::Result;
 use crate::gpu::Gpu;
@@ -42,27 +42,27 @@ pub(super) enum Workgroups<'a> {
 /// events. Few rounds may follow.
 pub(super) fn stages<'d>(
     device: &'d DeviceState,
-    plan: &Plan,
-    way: Route,
+    plan: &TracePlan,
+    route: Route,
     workgroups: [u32; 3],
 ) -> Result<Vec<Stage<'d>>> {
-    let scene = &device.scenes[way.group];
-    let first = device.stages.first(&plan.program, way.added)?;
+    let scene = &device.scenes[route.group];
+    let first = device.stages.first(&plan.program, route.added)?;
     let mut stages = vec![Stage {
         name: first.name,
         pipeline: &first.pipeline,
         groups: [Some(scene), Some(&device.queues[0])],
         workgroups: Workgroups::Of(workgroups),
     }];
-    stages.extend(rounds(device, way, unasked(num_rounds(&plan.program))));
+    stages.extend(rounds(device, route, unasked(num_rounds(&plan.program))));
     Ok(stages)
 }
 
 /// The stages of some rounds. In each, two stages take turns and follow the survivors. There are none after an added
 /// stage, which follows its rays to their end.
-pub(super) fn rounds(device: &DeviceState, way: Route, numbers: Range<usize>) -> Vec<Stage<'_>> {
+pub(super) fn rounds(device: &DeviceState, route: Route, numbers: Range<usize>) -> Vec<Stage<'_>> {
     let rounds = device.rounds.as_ref().zip(device.stages.rounds.as_ref());
-    let Some((rounds, compiled)) = rounds.filter(|_| way.added.is_none()) else { return Vec::new() };
+    let Some((rounds, compiled)) = rounds.filter(|_| route.added.is_none()) else { return Vec::new() };
     let round = |number: usize| {
         let advance = Stage {
             name: "advance",
@@ -73,7 +73,7 @@ pub(super) fn rounds(device: &DeviceState, way: Route, numbers: Range<usize>) ->
         let trace_queued = Stage {
             name: "trace_queued",
             pipeline: &compiled.trace_queued,
-            groups: [Some(&device.scenes[way.group]), Some(&device.queues[number % 2])],
+            groups: [Some(&device.scenes[route.group]), Some(&device.queues[number % 2])],
             workgroups: Workgroups::Counted(&rounds.workgroups),
         };
         [advance, trace_queued]
@@ -82,8 +82,8 @@ pub(super) fn rounds(device: &DeviceState, way: Route, numbers: Range<usize>) ->
 }
 
 /// The rounds of a range that are to be asked about, if there are any.
-pub(super) fn rounds_left(device: &DeviceState, program: &Program, way: Route) -> Option<RoundsLeft> {
-    let may_have = device.rounds.is_some() && way.added.is_none();
+pub(super) fn rounds_left(device: &DeviceState, program: &Program, route: Route) -> Option<RoundsLeft> {
+    let may_have = device.rounds.is_some() && route.added.is_none();
     RoundsLeft::of(num_rounds(program)).filter(|_| may_have)
 }
 
@@ -111,24 +111,24 @@ impl Route {
 /// before each group of them.
 pub(super) fn submit_alone(
     device: &DeviceState,
-    plan: &Plan,
+    plan: &TracePlan,
     range: &RayRange,
     num_submissions: usize,
     mut count: impl FnMut(u64) -> Result<()>,
 ) -> Result<()> {
     write_range(device, &plan.program, range)?;
-    let way = Route::plain(&plan.program, 0);
-    let rays_per_workgroup = plan.options.workgroup_size * way.rays_per_invocation;
+    let route = Route::plain(&plan.program, 0);
+    let rays_per_workgroup = plan.options.workgroup_size * route.rays_per_invocation;
     let workgroups = grid(range.count.div_ceil(rays_per_workgroup), &device.gpu);
-    let stages = stages(device, plan, way, workgroups)?;
+    let stages = stages(device, plan, route, workgroups)?;
     submit(&device.gpu, &stages, stages.len().div_ceil(num_submissions), None);
     device.gpu.check()?;
-    let Some(mut left) = rounds_left(device, &plan.program, way) else { return Ok(()) };
+    let Some(mut left) = rounds_left(device, &plan.program, route) else { return Ok(()) };
     let mut num_queued = device.num_queued()?;
     while let Some((numbers, counts)) = next_rounds(&mut left, &plan.program, num_queued) {
         count(counts)?;
         let start = Instant::now();
-        let stages = rounds(device, way, numbers);
+        let stages = rounds(device, route, numbers);
         submit(&device.gpu, &stages, stages.len(), None);
         device.gpu.check()?;
         num_queued = device.num_queued()?;

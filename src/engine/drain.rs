@@ -3,7 +3,7 @@
 use crate::engine::Engine;
 use crate::engine::addition::Additions;
 use crate::engine::device::DeviceState;
-use crate::engine::intake::Intake;
+use crate::engine::readback::Readback;
 use crate::engine::undrained::{Undrained, empty_tally};
 use crate::error::{Error, Result};
 use crate::program::SecondMoments;
@@ -26,11 +26,11 @@ fn drain_devices(engine: &mut Engine, additions: &mut Additions, tally: &mut Tal
     additions.settle(engine)?;
     engine.check_loops(additions)?;
     for device in engine.devices(additions) {
-        // Each device has an intake of its own. Bits of reached primitives do not add up, and each device reports its
+        // Each device has an readback of its own. Bits of reached primitives do not add up, and each device reports its
         // own overflow.
-        let mut intake = engine.intake(tally);
-        device.drain(&mut intake)?;
-        intake.finish(engine.plan.reached_marks());
+        let mut readback = engine.readback(tally);
+        device.drain(&mut readback)?;
+        readback.finish(engine.plan.reached_marks());
     }
     if let Some(spilled) = engine.spilled.take() {
         *tally += &spilled;
@@ -38,7 +38,7 @@ fn drain_devices(engine: &mut Engine, additions: &mut Additions, tally: &mut Tal
     Ok(())
 }
 
-/// Discards what an earlier trace left that failed half-way.
+/// Discards what an earlier trace left that failed half-route.
 pub(crate) fn discard(engine: &mut Engine, additions: &mut Additions) -> Result<()> {
     additions.discard();
     if engine.undrained.counts > 0 {
@@ -51,18 +51,18 @@ pub(crate) fn discard(engine: &mut Engine, additions: &mut Additions) -> Result<
 }
 
 impl Engine<'_> {
-    /// An intake, which adds counters and sums to a tally.
-    pub(crate) fn intake<'t>(&'t self, tally: &'t mut Tally) -> Intake<'t> {
-        Intake::new(&self.plan.program.cells, self.plan.counted(), self.plan.rays.len(), tally)
+    /// An readback, which adds counters and sums to a tally.
+    pub(crate) fn readback<'t>(&'t self, tally: &'t mut Tally) -> Readback<'t> {
+        Readback::new(&self.plan.program.cells, self.plan.counted(), self.plan.rays.len(), tally)
     }
 
     /// Moves the sums of one device to the host within a range, before counters overflow. The device is `other`, or else
     /// the engine's.
     pub(super) fn spill(&mut self, other: Option<&DeviceState>) -> Result<()> {
         let mut spilled = self.spilled.take().unwrap_or_else(|| empty_tally(self.ir));
-        let mut intake = self.intake(&mut spilled);
-        other.unwrap_or(&self.device).drain(&mut intake)?;
-        intake.finish(self.plan.reached_marks());
+        let mut readback = self.readback(&mut spilled);
+        other.unwrap_or(&self.device).drain(&mut readback)?;
+        readback.finish(self.plan.reached_marks());
         self.spilled = Some(spilled);
         Ok(())
     }

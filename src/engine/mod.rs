@@ -22,7 +22,6 @@ pub mod dispatch;
 pub mod dispatch_size;
 pub mod double_word;
 pub mod drain;
-pub mod intake;
 pub mod limits;
 pub mod moments;
 pub mod options;
@@ -31,6 +30,7 @@ pub mod passes;
 pub mod plan;
 pub mod prepare;
 pub mod rates;
+pub mod readback;
 pub(crate) mod retrace;
 pub mod rounds;
 pub mod rows;
@@ -46,7 +46,7 @@ use crate::engine::addition::Additions;
 use crate::engine::device::DeviceState;
 use crate::engine::dispatch_size::{DispatchSize, PASS_TIME};
 use crate::engine::limits::MAX_COUNTS_UNDRAINED;
-use crate::engine::plan::Plan;
+use crate::engine::plan::TracePlan;
 use crate::engine::rows::Rows;
 use crate::engine::undrained::Undrained;
 use crate::gpu::Gpu;
@@ -59,7 +59,7 @@ use std::time::{Duration, Instant};
 pub(crate) struct Engine<'a> {
     pub(crate) gpu: &'a Gpu,
     pub(crate) ir: &'a SceneIr,
-    pub(crate) plan: Plan,
+    pub(crate) plan: TracePlan,
     pub(crate) device: DeviceState,
     /// How many rays a dispatch has, and in how many submissions its stages are made.
     pub(crate) size: DispatchSize,
@@ -95,7 +95,7 @@ impl<'a> Engine<'a> {
     fn new(
         gpu: &'a Gpu,
         ir: &'a SceneIr,
-        plan: Plan,
+        plan: TracePlan,
         device: DeviceState,
         num_bound_additions: usize,
     ) -> Self {

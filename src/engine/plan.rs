@@ -7,10 +7,10 @@ use crate::engine::addition::Additions;
 use crate::engine::budget::{SourceRays, distribute, part};
 use crate::engine::device::DeviceState;
 use crate::engine::dispatch_size::DispatchSize;
-use crate::engine::intake::Counted;
 use crate::engine::limits::{DispatchLimits, check_families, counts_per_ray};
 use crate::engine::moments::MomentSource;
 use crate::engine::options::{TraceOptions, check_options};
+use crate::engine::readback::Counted;
 use crate::engine::stages::{ExtraBindings, Stages};
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
@@ -24,7 +24,7 @@ use crate::result::{FluxSum, QUANTA_PER_WEIGHT, RaySet, RaySpan, Tally};
 use std::sync::Arc;
 
 /// What is to be traced.
-pub(crate) struct Plan {
+pub(crate) struct TracePlan {
     pub(crate) options: TraceOptions,
     pub(crate) program: Program,
     /// The rays of each source.
@@ -47,7 +47,7 @@ fn roulette_threshold(ir: &SceneIr, options: &TraceOptions) -> f64 {
     options.min_flux_fraction.max(ir.sampling.rr_start_flux)
 }
 
-impl Plan {
+impl TracePlan {
     /// Shares out the rays, and composes the program. `parse` gives the module of a text.
     pub(crate) fn new(
         gpu: &Gpu,
@@ -66,7 +66,7 @@ impl Plan {
         additions.pack(ir, options, &mut program)?;
         check_families(&program, options)?;
         let limits = additions.limits(&program);
-        Ok(Plan {
+        Ok(TracePlan {
             num_rays: rays.iter().map(|rays| rays.count).sum(),
             rays,
             moments,
@@ -78,7 +78,7 @@ impl Plan {
     }
 }
 
-/// How the program is composed in the plain way.
+/// How the program is composed in the plain route.
 fn plain(
     gpu: &Gpu,
     ir: &SceneIr,
@@ -119,7 +119,7 @@ fn plain(
     }
 }
 
-impl Plan {
+impl TracePlan {
     /// The program on a device, for which its stages are compiled.
     pub(crate) fn open(&self, gpu: &Gpu, extra: &ExtraBindings) -> Result<DeviceState> {
         let stages = Stages::new(gpu, &self.program, self.options.is_strict(&gpu.info), extra)?;
@@ -128,7 +128,7 @@ impl Plan {
 
     /// The size of dispatches, before any was timed.
     pub(crate) fn dispatch_size(&self) -> DispatchSize {
-        let Plan { program, limits, batch, .. } = self;
+        let TracePlan { program, limits, batch, .. } = self;
         DispatchSize::new(*batch, limits.least_rays(program), counts_per_ray(program))
     }
 

@@ -4,7 +4,7 @@ use crate::engine::Engine;
 use crate::engine::addition::Additions;
 use crate::engine::device::DeviceState;
 use crate::engine::options::TraceOptions;
-use crate::engine::plan::Plan;
+use crate::engine::plan::TracePlan;
 use crate::engine::shelf::Shelf;
 use crate::error::Result;
 use crate::gpu::Gpu;
@@ -21,7 +21,7 @@ pub(crate) fn prepare_on_shelf<'a>(
     shelf: &Shelf,
 ) -> Result<Engine<'a>> {
     let parse = |wgsl, precision, shaders: &_| shelf.parsed(wgsl, precision, shaders);
-    let plan = Plan::new(gpu, ir, options, additions, parse)?;
+    let plan = TracePlan::new(gpu, ir, options, additions, parse)?;
     let (extra, num_bound) = additions.open(gpu, &plan)?;
     let stages = shelf.stages(gpu, &plan.program, options.is_strict(&gpu.info))?;
     let device = DeviceState::new(gpu, &plan.program, plan.batch, stages, &extra)?;
@@ -37,7 +37,7 @@ pub(crate) fn prepare<'a>(
     edit: impl FnOnce(String) -> String,
 ) -> Result<Engine<'a>> {
     let parse = |wgsl, precision, shaders: &_| Parsed::of(edit(wgsl), precision, shaders).map(Arc::new);
-    let plan = Plan::new(gpu, ir, options, additions, parse)?;
+    let plan = TracePlan::new(gpu, ir, options, additions, parse)?;
     let (extra, num_bound) = additions.open(gpu, &plan)?;
     let device = plan.open(gpu, &extra)?;
     Ok(Engine::new(gpu, ir, plan, device, num_bound))

@@ -7,7 +7,7 @@ use crate::engine::addition::Additions;
 use crate::engine::device::DeviceState;
 use crate::engine::dispatch::submit_alone;
 use crate::engine::options::TraceOptions;
-use crate::engine::plan::Plan;
+use crate::engine::plan::TracePlan;
 use crate::engine::shelf::Shelf;
 use crate::engine::stages::{ExtraBindings, Stages};
 use crate::error::Result;
@@ -21,7 +21,7 @@ use std::time::Instant;
 
 /// The program of a second trace, compiled.
 pub(crate) struct Retrace {
-    pub(crate) plan: Plan,
+    pub(crate) plan: TracePlan,
     pub(crate) additions: Additions,
     stages: Arc<Stages>,
 }
@@ -45,13 +45,14 @@ impl Retrace {
         source: Source,
     ) -> Result<Self> {
         let shelf = source.shelf.filter(|_| source.edit.is_none());
-        let plan = Plan::new(gpu, ir, options, &mut additions, |wgsl, precision, shaders| match shelf {
-            Some(shelf) => shelf.parsed(wgsl, precision, shaders),
-            None => {
-                let wgsl = source.edit.map_or(wgsl.clone(), |edit| edit(wgsl));
-                Parsed::of(wgsl, precision, shaders).map(Arc::new)
-            }
-        })?;
+        let plan =
+            TracePlan::new(gpu, ir, options, &mut additions, |wgsl, precision, shaders| match shelf {
+                Some(shelf) => shelf.parsed(wgsl, precision, shaders),
+                None => {
+                    let wgsl = source.edit.map_or(wgsl.clone(), |edit| edit(wgsl));
+                    Parsed::of(wgsl, precision, shaders).map(Arc::new)
+                }
+            })?;
         let strict = options.is_strict(&gpu.info);
         let stages = match shelf {
             Some(shelf) => shelf.stages(gpu, &plan.program, strict)?,
@@ -102,7 +103,7 @@ pub(crate) trait Retracing {
 /// Traces rays again, range by range. False if the work ended before the last ray.
 pub(crate) fn trace_again(
     device: &DeviceState,
-    plan: &Plan,
+    plan: &TracePlan,
     spans: &[RaySpan],
     mut batch: Batch,
     work: &mut dyn Retracing,

@@ -1,7 +1,7 @@
 //! Rows for the host: rays of a database, and events of recorded paths.
 
 use crate::engine::device::DeviceState;
-use crate::engine::plan::Plan;
+use crate::engine::plan::TracePlan;
 use crate::error::{Error, Result};
 use crate::model::ray_id;
 use crate::program::layout::reals::StructLayout;
@@ -39,7 +39,7 @@ impl Rows {
     }
 
     /// Fetches the rows of a range that a device has traced, if the device keeps rows.
-    pub(crate) fn fetch(&mut self, device: &DeviceState, plan: &Plan, range: &RayRange) -> Result<()> {
+    pub(crate) fn fetch(&mut self, device: &DeviceState, plan: &TracePlan, range: &RayRange) -> Result<()> {
         let Some(buffer) = &device.events else { return Ok(()) };
         let mut events = read_events(device, buffer, plan, range.first)?;
         let splits = plan.program.splitting.is_some();
@@ -66,7 +66,7 @@ impl Rows {
 pub(crate) fn read_events(
     device: &DeviceState,
     buffer: &wgpu::Buffer,
-    plan: &Plan,
+    plan: &TracePlan,
     first: u64,
 ) -> Result<Vec<DeviceEvent>> {
     let counts = device.gpu.read(&device.counts, 12)?;
@@ -82,7 +82,11 @@ pub(crate) fn read_events(
 }
 
 /// A function that decodes the rows of the range that began at ray `first`.
-fn decoder(plan: &Plan, layout: &StructLayout, first: u64) -> Result<impl Fn(&[u8]) -> DeviceEvent + use<>> {
+fn decoder(
+    plan: &TracePlan,
+    layout: &StructLayout,
+    first: u64,
+) -> Result<impl Fn(&[u8]) -> DeviceEvent + use<>> {
     let at = |field: &str| layout.offset(field);
     let [kind, subject, index, bounce, wavelength] =
         [at("kind")?, at("subject")?, at("index")?, at("bounce")?, at("wavelength")?];

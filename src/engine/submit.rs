@@ -16,23 +16,23 @@ pub(crate) struct Submitted {
 }
 
 impl Engine<'_> {
-    /// Submits a range to the engine's device, in the plain way.
+    /// Submits a range to the engine's device, in the plain route.
     pub(crate) fn submit(&mut self, range: &RayRange) -> Result<()> {
-        let way = Route::plain(&self.plan.program, 0);
-        self.submit_to(None, way, range)?;
+        let route = Route::plain(&self.plan.program, 0);
+        self.submit_to(None, route, range)?;
         self.end_dispatch(None)?;
-        self.finish_rounds(None, way)
+        self.finish_rounds(None, route)
     }
 
-    /// True if the host asks how many rays are left after a dispatch of this way.
-    pub(crate) fn asks_for_rays(&self, way: Route) -> bool {
-        rounds_left(&self.device, &self.plan.program, way).is_some()
+    /// True if the host asks how many rays are left after a dispatch of this route.
+    pub(crate) fn asks_for_rays(&self, route: Route) -> bool {
+        rounds_left(&self.device, &self.plan.program, route).is_some()
     }
 
     /// Follows the rays of a dispatch that live on, in groups of rounds, to their end. The device is `other`, or else the
     /// engine's.
-    pub(crate) fn finish_rounds(&mut self, other: Option<&DeviceState>, way: Route) -> Result<()> {
-        let Some(mut left) = rounds_left(&self.device, &self.plan.program, way) else { return Ok(()) };
+    pub(crate) fn finish_rounds(&mut self, other: Option<&DeviceState>, route: Route) -> Result<()> {
+        let Some(mut left) = rounds_left(&self.device, &self.plan.program, route) else { return Ok(()) };
         let mut num_queued = other.unwrap_or(&self.device).num_queued()?;
         while let Some((numbers, counts)) = next_rounds(&mut left, &self.plan.program, num_queued) {
             if self.undrained.go_on(counts, self.most_counts, other.is_some()) {
@@ -40,7 +40,7 @@ impl Engine<'_> {
             }
             let start = Instant::now();
             let device = other.unwrap_or(&self.device);
-            let stages = rounds(device, way, numbers);
+            let stages = rounds(device, route, numbers);
             submit(&device.gpu, &stages, stages.len(), self.profile.as_mut());
             self.num_submissions += 1;
             self.end_dispatch(other)?;
@@ -68,32 +68,32 @@ impl Engine<'_> {
     pub(crate) fn submit_to(
         &mut self,
         other: Option<&DeviceState>,
-        way: Route,
+        route: Route,
         range: &RayRange,
     ) -> Result<Submitted> {
         let device = other.unwrap_or(&self.device);
         let plan = &self.plan;
         write_range(device, &plan.program, range)?;
-        let rays_per_workgroup = plan.options.workgroup_size * way.rays_per_invocation;
+        let rays_per_workgroup = plan.options.workgroup_size * route.rays_per_invocation;
         let workgroups = grid(range.count.div_ceil(rays_per_workgroup), &device.gpu);
-        let stages = stages(device, plan, way, workgroups)?;
+        let stages = stages(device, plan, route, workgroups)?;
         let per_submission = stages.len().div_ceil(self.size.submissions());
         self.num_submissions += stages.len().div_ceil(per_submission) as u64;
         let index = submit(&device.gpu, &stages, per_submission, self.profile.as_mut());
-        let is_first = device.stages.first(&plan.program, way.added)?.begin();
+        let is_first = device.stages.first(&plan.program, route.added)?.begin();
         self.is_compiling |= is_first;
         Ok(Submitted { index, is_first })
     }
 
     /// Submits the stages of a range with no workgroups, as if the range began at ray 0. Nothing is done if the first
     /// stage has run before.
-    pub(crate) fn prime(&self, other: Option<&DeviceState>, way: Route, range: &RayRange) -> Result<()> {
+    pub(crate) fn prime(&self, other: Option<&DeviceState>, route: Route, range: &RayRange) -> Result<()> {
         let device = other.unwrap_or(&self.device);
-        if device.stages.first(&self.plan.program, way.added)?.has_begun() {
+        if device.stages.first(&self.plan.program, route.added)?.has_begun() {
             return Ok(());
         }
         write_range(device, &self.plan.program, &RayRange { first: 0, ..*range })?;
-        let stages = stages(device, &self.plan, way, [0, 0, 1])?;
+        let stages = stages(device, &self.plan, route, [0, 0, 1])?;
         submit(&device.gpu, &stages, stages.len(), None);
         Ok(())
     }

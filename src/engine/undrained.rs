@@ -1,7 +1,7 @@
 //! The rays that passes have launched since the sums were drained.
 
 use crate::engine::limits::counts_unasked;
-use crate::engine::plan::Plan;
+use crate::engine::plan::TracePlan;
 use crate::model::SceneIr;
 use crate::program::RayRange;
 use crate::result::{DetectorTally, FluxSum, RaySet, RaySpan, SurfaceTally, Tally};
@@ -22,7 +22,7 @@ pub(crate) struct Undrained {
 
 impl Undrained {
     /// Adds a range.
-    pub(crate) fn launch(&mut self, plan: &Plan, range: &RayRange) {
+    pub(crate) fn launch(&mut self, plan: &TracePlan, range: &RayRange) {
         let (count, source) = (u64::from(range.count), range.source as u32);
         self.launched += plan.births(range);
         self.rays += RaySpan { first: range.first, count, source };

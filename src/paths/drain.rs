@@ -8,13 +8,13 @@
 
 use crate::engine::Engine;
 use crate::engine::budget::distribute;
-use crate::engine::plan::Plan;
+use crate::engine::plan::TracePlan;
 use crate::engine::retrace::{After, Batch, Retracing, trace_again};
 use crate::error::{Error, Result};
 use crate::model::SceneIr;
 use crate::model::sequence::{End, Sequence, SequenceKey};
 use crate::paths::layout::Slot;
-use crate::paths::table::{LightTable, Reading};
+use crate::paths::table::{PathHashTable, Reading};
 use crate::program::RayRange;
 use crate::result::{PathSum, PathTally, RaySpan, Tally};
 use std::collections::HashMap;
@@ -25,7 +25,7 @@ const GROWTH: u32 = 8;
 /// Rays of the pilot.
 const PILOT_RAYS: u64 = 1 << 20;
 
-impl LightTable {
+impl PathHashTable {
     /// Prepares the table for a trace that goes on from a tally.
     pub(super) fn begin(&mut self, _engine: &Engine, tally: &mut Tally) -> Result<()> {
         let begun = tally.path_sums.get_or_insert_with(|| PathTally::new(self.most_rows));
@@ -167,7 +167,7 @@ impl LightTable {
 /// Rays that are traced again for the table.
 struct Again<'a, F> {
     engine: &'a Engine<'a>,
-    table: &'a mut LightTable,
+    table: &'a mut PathHashTable,
     add: F,
     batch: u64,
     most: u64,
@@ -180,7 +180,7 @@ impl<F> Again<'_, F> {
     }
 }
 
-impl<F: FnMut(&mut LightTable, Reading) -> Result<()>> Retracing for Again<'_, F> {
+impl<F: FnMut(&mut PathHashTable, Reading) -> Result<()>> Retracing for Again<'_, F> {
     fn after(&mut self, range: &RayRange, _start: Instant) -> Result<After> {
         let Again { engine, table, .. } = self;
         engine.device.forget_rows();
@@ -211,7 +211,7 @@ impl<F: FnMut(&mut LightTable, Reading) -> Result<()>> Retracing for Again<'_, F
 
 /// The first rays of the whole trace: of each source its share. Those of a single source do not depend on how many rays
 /// are traced.
-fn pilot_rays(ir: &SceneIr, plan: &Plan) -> Result<Vec<RaySpan>> {
+fn pilot_rays(ir: &SceneIr, plan: &TracePlan) -> Result<Vec<RaySpan>> {
     if plan.rays.len() == 1 {
         return Ok(vec![RaySpan { first: 0, count: PILOT_RAYS, source: 0 }]);
     }

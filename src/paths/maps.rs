@@ -4,10 +4,10 @@
 use crate::engine::addition::Additions;
 use crate::engine::device::DeviceState;
 use crate::engine::dispatch_size::{DispatchSize, PASS_TIME};
-use crate::engine::intake::Intake;
 use crate::engine::limits::{MAX_COUNTS_UNDRAINED, counts_unasked};
 use crate::engine::options::{Collect, TraceOptions};
-use crate::engine::plan::Plan;
+use crate::engine::plan::TracePlan;
+use crate::engine::readback::Readback;
 use crate::engine::retrace::{After, Batch, Retrace, Retracing, Source, trace_again};
 use crate::engine::stages::ExtraBindings;
 use crate::engine::undrained::empty_tally;
@@ -90,7 +90,7 @@ pub fn trace_maps(
 /// Rays that are traced into maps.
 struct Maps<'a> {
     device: &'a DeviceState,
-    plan: &'a Plan,
+    plan: &'a TracePlan,
     size: DispatchSize,
     tally: Tally,
     /// What counters may count since they were drained.
@@ -105,9 +105,9 @@ impl Maps<'_> {
 
     fn drain(&mut self) -> Result<()> {
         let Maps { device, plan, tally, .. } = self;
-        let mut intake = Intake::new(&plan.program.cells, plan.counted(), plan.rays.len(), tally);
-        device.drain(&mut intake)?;
-        intake.finish(plan.reached_marks());
+        let mut readback = Readback::new(&plan.program.cells, plan.counted(), plan.rays.len(), tally);
+        device.drain(&mut readback)?;
+        readback.finish(plan.reached_marks());
         self.undrained = 0;
         Ok(())
     }
@@ -151,7 +151,7 @@ struct Watch {
 }
 
 impl Watch {
-    fn of(gpu: &Gpu, plan: &Plan, watched: &[Watched]) -> Result<Self> {
+    fn of(gpu: &Gpu, plan: &TracePlan, watched: &[Watched]) -> Result<Self> {
         let layout = PathShader::of(&plan.program)?.layout;
         let size = PathTableSize { slots: layout::slots_for(watched.len()), shards: 1 };
         let mut words = vec![0; layout.end(size) as usize];

@@ -16,17 +16,17 @@ mod wgsl;
 use crate::engine::Engine;
 use crate::engine::addition::Addition;
 use crate::engine::options::{Collect, TraceOptions};
-use crate::engine::plan::Plan;
+use crate::engine::plan::TracePlan;
 use crate::engine::stages::ExtraBindings;
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::model::sequence::Sequence;
 use crate::model::{PathFilter, SceneIr};
-use crate::paths::table::LightTable;
+use crate::paths::table::PathHashTable;
 use crate::paths::wgsl::PathShader;
 use crate::program::addition::{ProgramAddition, ShaderAddition};
+use crate::program::input::ProgramInput;
 use crate::program::layout::tables::Cells;
-use crate::program::prepared::Prepared;
 use crate::program::{Features, ProgramOptions, SecondMoments};
 use crate::result::Tally;
 use glam::DVec3;
@@ -49,7 +49,7 @@ pub enum PathSums {
     /// Light of some paths is summed up in so many maps, and the places of all that has a slot
     /// (shaders/paths/sums.maps.wgsl).
     Maps(u32),
-    /// The host learns what happened to each ray (shaders/paths/sums.told.wgsl).
+    /// The host learns what happened to each ray (shaders/paths/sums.events.wgsl).
     Events {
         /// The ends of rays that no detector records, too.
         ends: bool,
@@ -62,7 +62,7 @@ pub struct Paths {
     sums: PathSums,
     filter: Option<Arc<PathFilter>>,
     /// The table, on the device on which it was opened.
-    table: Option<LightTable>,
+    table: Option<PathHashTable>,
 }
 
 impl PathSums {
@@ -122,7 +122,7 @@ impl ProgramAddition for Paths {
         }
     }
 
-    fn shader(&self, scene: &Prepared) -> Arc<dyn ShaderAddition> {
+    fn shader(&self, scene: &ProgramInput) -> Arc<dyn ShaderAddition> {
         Arc::new(PathShader::new(self.sums, self.filter.clone(), scene))
     }
 }
@@ -144,9 +144,9 @@ impl Addition for Paths {
         Ok(())
     }
 
-    fn open(&mut self, gpu: &Gpu, plan: &Plan) -> Result<ExtraBindings> {
+    fn open(&mut self, gpu: &Gpu, plan: &TracePlan) -> Result<ExtraBindings> {
         let PathSums::Totals { rows, .. } = self.sums else { return Ok(ExtraBindings::default()) };
-        let table = self.table.insert(LightTable::new(gpu, plan, rows)?);
+        let table = self.table.insert(PathHashTable::new(gpu, plan, rows)?);
         Ok(ExtraBindings::of(table.bindings()))
     }
 

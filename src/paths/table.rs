@@ -3,7 +3,7 @@
 //! The table begins small. A key that finds no slot marks the table as full ([`crate::paths::drain`]).
 
 use crate::engine::limits::counts_per_ray;
-use crate::engine::plan::Plan;
+use crate::engine::plan::TracePlan;
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::model::SceneIr;
@@ -20,7 +20,7 @@ use std::collections::HashMap;
 const FIRST_SLOTS: u32 = 1 << 10;
 
 /// The table of paths of a trace.
-pub(super) struct LightTable {
+pub(super) struct PathHashTable {
     layout: PathTableLayout,
     size: PathTableSize,
     /// The largest number of slots, for which the buffer has room.
@@ -49,14 +49,14 @@ pub(super) struct Reading {
     pub(super) has_large_squares: bool,
 }
 
-impl LightTable {
+impl PathHashTable {
     /// The table of a plan, of at most so many rows.
-    pub(super) fn new(gpu: &Gpu, plan: &Plan, most_rows: u32) -> Result<Self> {
+    pub(super) fn new(gpu: &Gpu, plan: &TracePlan, most_rows: u32) -> Result<Self> {
         let layout = PathShader::of(&plan.program)?.layout;
         let most_slots = most_slots(plan, most_rows);
         let buffer_words = layout.words(most_slots);
         let size = layout.size(FIRST_SLOTS.min(most_slots), buffer_words, plan.num_rays);
-        Ok(LightTable {
+        Ok(PathHashTable {
             layout,
             size,
             most_slots,
@@ -112,7 +112,7 @@ impl LightTable {
         self.size = self.layout.size(slots.min(self.most_slots), self.buffer_words, self.num_rays);
     }
 
-    pub(super) fn read(&self, plan: &Plan) -> Result<Reading> {
+    pub(super) fn read(&self, plan: &TracePlan) -> Result<Reading> {
         let counted = plan.counted();
         let square = plan.square_of_birth_weight();
         let bytes = self.gpu.read(&self.words, 4 * self.layout.end(self.size))?;
@@ -156,7 +156,7 @@ impl LightTable {
         &mut self,
         gpu: &Gpu,
         ir: &SceneIr,
-        plan: &Plan,
+        plan: &TracePlan,
         slots: impl Iterator<Item = (SequenceKey, Slot)>,
     ) -> Result<()> {
         let unknown: Vec<(SequenceKey, Slot)> =
@@ -208,7 +208,7 @@ fn deposits_per_ray(program: &Program) -> u64 {
 }
 
 /// Slots of the largest table of paths: twice the number of rows, or of deposits if these are fewer.
-fn most_slots(plan: &Plan, most_rows: u32) -> u32 {
+fn most_slots(plan: &TracePlan, most_rows: u32) -> u32 {
     let deposits = plan.num_rays.saturating_mul(deposits_per_ray(&plan.program));
     // Few rows need many slots as well, until a pilot has chosen what has a row.
     let rows = u64::from(most_rows).max(1 << 15).min(deposits);

@@ -7,7 +7,7 @@ use crate::paths::PathSums;
 use crate::paths::layout::PathTableLayout;
 use crate::program::Program;
 use crate::program::addition::ShaderAddition;
-use crate::program::prepared::Prepared;
+use crate::program::input::ProgramInput;
 use crate::program::wgsl::composition::Composition;
 use crate::program::wgsl::constants::Constants;
 use crate::program::wgsl::text::Text;
@@ -31,7 +31,7 @@ pub(super) struct PathShader {
 }
 
 impl PathShader {
-    pub(super) fn new(sums: PathSums, filter: Option<Arc<PathFilter>>, scene: &Prepared) -> Self {
+    pub(super) fn new(sums: PathSums, filter: Option<Arc<PathFilter>>, scene: &ProgramInput) -> Self {
         let layout = match sums {
             PathSums::Maps(_) => PathTableLayout::of_maps(scene.ir, sums.has_ends()),
             PathSums::None | PathSums::Totals { .. } | PathSums::Events { .. } => {
@@ -95,15 +95,15 @@ impl PathShader {
             PathSums::None => shader!("paths/sums.none.wgsl"),
             PathSums::Totals { .. } => shader!("paths/sums.totals.wgsl"),
             PathSums::Maps(_) => shader!("paths/sums.maps.wgsl"),
-            PathSums::Events { .. } => shader!("paths/sums.told.wgsl"),
+            PathSums::Events { .. } => shader!("paths/sums.events.wgsl"),
         };
-        let told = match composition.features.splits {
-            true => shader!("paths/told.families.wgsl"),
-            false => shader!("paths/told.alone.wgsl"),
+        let replayed = match composition.features.splits {
+            true => shader!("paths/replayed.families.wgsl"),
+            false => shader!("paths/replayed.alone.wgsl"),
         };
         let files = [
             (true, sums),
-            (matches!(self.sums, PathSums::Events { .. }), told),
+            (matches!(self.sums, PathSums::Events { .. }), replayed),
             (self.sums != PathSums::None, shader!("paths/sequence.wgsl")),
             (self.sums.has_table(), shader!("paths/table.wgsl")),
             (self.filter.is_some(), shader!("paths/filter_out.wgsl")),

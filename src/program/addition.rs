@@ -6,9 +6,9 @@
 
 use crate::error::Result;
 use crate::program::features::Features;
+use crate::program::input::ProgramInput;
 use crate::program::layout::tables::Cells;
 use crate::program::options::ProgramOptions;
-use crate::program::prepared::Prepared;
 use crate::program::wgsl::composition::Composition;
 use crate::program::wgsl::text::Text;
 use crate::shaders::ShaderFile;
@@ -38,7 +38,7 @@ pub trait ProgramAddition: Sync {
     }
 
     /// The WGSL for a scene.
-    fn shader(&self, scene: &Prepared) -> Arc<dyn ShaderAddition>;
+    fn shader(&self, scene: &ProgramInput) -> Arc<dyn ShaderAddition>;
 }
 
 /// The WGSL that an addition gives to the module of a scene. A method that is not overridden leaves the plain module as
@@ -113,7 +113,7 @@ pub struct ShaderAdditions(Vec<Arc<dyn ShaderAddition>>);
 
 impl ShaderAdditions {
     /// What these additions give to a scene.
-    pub fn of(additions: &[&dyn ProgramAddition], scene: &Prepared) -> Self {
+    pub fn of(additions: &[&dyn ProgramAddition], scene: &ProgramInput) -> Self {
         ShaderAdditions(additions.iter().map(|addition| addition.shader(scene)).collect())
     }
 

@@ -7,6 +7,7 @@ use crate::model::{Detector, SceneIr, SourceFunction, Surface};
 use crate::program::addition::{ProgramAddition, ShaderAdditions};
 use crate::program::features::Features;
 use crate::program::geometry::{bvh, contact, mesh, tree};
+use crate::program::input::ProgramInput;
 use crate::program::layout::kind_tables::Places;
 use crate::program::layout::reals::{StructLayout, put_real};
 use crate::program::layout::splitting::Splitting;
@@ -15,7 +16,6 @@ use crate::program::layout::tables::Cells;
 use crate::program::layout::{bindings, rng, tables};
 use crate::program::options::{PathSampling, ProgramOptions, RayRange};
 use crate::program::parsed::Parsed;
-use crate::program::prepared::Prepared;
 use crate::program::wgsl::composition::Composition;
 use glam::DVec3;
 use std::ops::Deref;
@@ -105,7 +105,7 @@ impl Program {
         seed: u64,
         parse: impl FnOnce(String, Precision, &ShaderAdditions) -> Result<Arc<Parsed>>,
     ) -> Result<Self> {
-        let scene = Prepared::of(ir, options, additions)?;
+        let scene = ProgramInput::of(ir, options, additions)?;
         let additions = ShaderAdditions::of(additions, &scene);
         // Sums that follow from counts are none of the device's.
         let num_sums = if scene.constant_weights { 0 } else { scene.cells.num_sums };
@@ -118,7 +118,7 @@ impl Program {
         let composition = Composition::of(&scene, &sums, &additions);
         let parsed = parse(composition.compose()?, scene.options.precision, &additions)?;
         let numbers = composition.numbers.bytes(&parsed.module)?;
-        let Prepared { options, features, splitting, centre, cells, constant_weights, .. } = scene;
+        let ProgramInput { options, features, splitting, centre, cells, constant_weights, .. } = scene;
         let mut program = Program {
             parsed,
             max_events_per_ray: max_events_per_ray(ir, &features, &options),

@@ -5,10 +5,10 @@ mod composed;
 pub mod events;
 pub mod features;
 pub mod geometry;
+pub mod input;
 pub mod layout;
 pub mod options;
 pub mod parsed;
-pub mod prepared;
 #[allow(clippy::wildcard_enum_match_arm, reason = "of what naga has, it is refused what shaders do not use")]
 pub mod rewrite;
 pub mod wgsl;
@@ -17,10 +17,10 @@ pub use crate::model::Precision;
 pub use crate::model::SourceFunction;
 pub use crate::program::composed::Program;
 pub use crate::program::features::Features;
+pub use crate::program::input::centre_of;
 pub use crate::program::layout::rng::Sampler;
 pub use crate::program::layout::splitting::Splitting;
 pub use crate::program::layout::tables::Cells;
 pub use crate::program::options::{
     MAX_BAKED_PRIMITIVES, PathSampling, ProgramOptions, RayRange, SecondMoments, TEXELS_PER_LINE,
 };
-pub use crate::program::prepared::centre_of;

@@ -2,6 +2,6 @@
 //! gradient of a loss ([`transpose`]). A name for a compiler is the one that the field has for what it does.
 
 pub mod df64;
-mod function;
+mod function_builder;
 pub mod jvp;
 pub mod transpose;

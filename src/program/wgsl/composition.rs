@@ -3,15 +3,15 @@
 use crate::error::Result;
 use crate::model::Precision;
 use crate::program::addition::ShaderAdditions;
+use crate::program::input::ProgramInput;
 use crate::program::layout::numbers::Numbers;
 use crate::program::layout::sums::SumBuffers;
-use crate::program::prepared::Prepared;
 use glam::DVec3;
 use std::ops::Deref;
 
 /// The data of a composition: a prepared scene, to which it dereferences, and the buffers of its cells.
 pub struct Composition<'a> {
-    scene: &'a Prepared<'a>,
+    scene: &'a ProgramInput<'a>,
     /// The buffers that the cells lie in.
     pub sums: &'a SumBuffers,
     /// What additions give to the module.
@@ -21,7 +21,7 @@ pub struct Composition<'a> {
 }
 
 impl<'a> Deref for Composition<'a> {
-    type Target = Prepared<'a>;
+    type Target = ProgramInput<'a>;
 
     fn deref(&self) -> &Self::Target {
         self.scene
@@ -30,7 +30,7 @@ impl<'a> Deref for Composition<'a> {
 
 impl<'a> Composition<'a> {
     /// The composition of a scene whose sums lie in these buffers.
-    pub fn of(scene: &'a Prepared<'a>, sums: &'a SumBuffers, additions: &'a ShaderAdditions) -> Self {
+    pub fn of(scene: &'a ProgramInput<'a>, sums: &'a SumBuffers, additions: &'a ShaderAdditions) -> Self {
         let numbers = {
             let options = &scene.options;
             Numbers::new(options.precision, options.live, options.copies_numbers)

@@ -11,7 +11,7 @@ mod with_edges;
 
 pub use crate::run::gradients::edges::LossWithEdges;
 
-use crate::derivatives::jacobian::Numbers;
+use crate::derivatives::jacobian::ProgramNumbers;
 use crate::derivatives::walk::Walker;
 use crate::engine::options::{Collect, RecordPaths, StandardError, TraceOptions};
 use crate::engine::retrace::Source;
@@ -344,7 +344,7 @@ impl Differentiated {
         let parameters: Vec<Parameter> =
             self.parameters.iter().map(|scaled| scaled.parameter.clone()).collect();
         let slopes = walker.jacobian(options, &parameters)?;
-        let has_no_way = |slopes: &Numbers| {
+        let has_no_way = |slopes: &ProgramNumbers| {
             let is_known = |binding: u32| walker.layout.buffers.iter().any(|(known, _)| *known == binding);
             slopes
                 .buffers

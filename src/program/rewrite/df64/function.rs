@@ -2,7 +2,7 @@
 
 use crate::error::Result;
 use crate::program::rewrite::df64::rewriting::{Rewriting, literal_f32, unknown};
-use crate::program::rewrite::function::{Rewrite, Write};
+use crate::program::rewrite::function_builder::{FunctionBuilder, Rewrite};
 use naga::valid::FunctionInfo;
 use naga::{
     BinaryOperator, Block, Expression, Function, Handle, Literal, MathFunction, RelationalFunction, Scalar,
@@ -52,7 +52,7 @@ struct Rewriter<'r, 'm> {
     locals: HashMap<Handle<naga::LocalVariable>, Handle<naga::LocalVariable>>,
 }
 
-impl Write for Rewriter<'_, '_> {
+impl FunctionBuilder for Rewriter<'_, '_> {
     fn new_function(&mut self) -> &mut Function {
         &mut self.new
     }

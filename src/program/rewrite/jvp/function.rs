@@ -1,7 +1,7 @@
 //! Rewrites one function, with tangents beside its reals.
 
 use crate::error::Result;
-use crate::program::rewrite::function::{Rewrite, Write, inner_blocks_mut, real_literal};
+use crate::program::rewrite::function_builder::{FunctionBuilder, Rewrite, inner_blocks_mut, real_literal};
 use crate::program::rewrite::jvp::rewriting::{Rewriting, unknown};
 use crate::program::rewrite::jvp::rules::{DEPOSIT, Rule, rule};
 use naga::valid::FunctionInfo;
@@ -101,7 +101,7 @@ struct Rewriter<'r, 'm> {
     locals: HashMap<Handle<LocalVariable>, Local>,
 }
 
-impl Write for Rewriter<'_, '_> {
+impl FunctionBuilder for Rewriter<'_, '_> {
     fn new_function(&mut self) -> &mut Function {
         &mut self.new
     }

@@ -1,7 +1,7 @@
 //! The state of rewriting a module, which all its functions share.
 
 use crate::error::{Error, Result};
-use crate::program::rewrite::function::called;
+use crate::program::rewrite::function_builder::called;
 use crate::program::rewrite::jvp::rules::rule;
 use naga::valid::ModuleInfo;
 use naga::{

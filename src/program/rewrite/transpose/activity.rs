@@ -1,12 +1,12 @@
 //! Which values of a function depend on a number by which a trace can be differentiated.
 
-use crate::program::rewrite::function::inner_blocks;
+use crate::program::rewrite::function_builder::inner_blocks;
 use crate::program::rewrite::jvp::rules::{Rule, rule};
-use crate::program::rewrite::transpose::transposing::{Activity, Transposing, is_pointer};
+use crate::program::rewrite::transpose::transposer::{Activity, Transposer, is_pointer};
 use naga::{Block, Expression, Function, Handle, LocalVariable, ScalarKind, Statement};
 use std::collections::HashSet;
 
-impl Transposing<'_> {
+impl Transposer<'_> {
     /// What is known of a function whose arguments vary where `mask` says so.
     pub(super) fn activity(&mut self, function: Handle<Function>, mask: &[bool]) -> Activity {
         let key = (function, mask.to_vec());
@@ -59,7 +59,7 @@ impl Transposing<'_> {
 }
 
 struct Search<'r, 'm> {
-    shared: &'r mut Transposing<'m>,
+    shared: &'r mut Transposer<'m>,
     old: &'m Function,
     function: Handle<Function>,
     mask: &'r [bool],

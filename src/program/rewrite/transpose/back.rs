@@ -4,13 +4,13 @@
 //! taken which the recorded condition tells. Loops in which a value that varies changes have no way back.
 
 use crate::error::{Error, Result};
-use crate::program::rewrite::function::{Write, inner_blocks, real_literal};
+use crate::program::rewrite::function_builder::{FunctionBuilder, inner_blocks, real_literal};
 use crate::program::rewrite::jvp::rules::{Rule, rule};
 use crate::program::rewrite::transpose::adjoint::Adjoint;
 use crate::program::rewrite::transpose::forward;
 use crate::program::rewrite::transpose::names::{ADJOINT_OF, no_way_back};
 use crate::program::rewrite::transpose::record::{Record, key_of};
-use crate::program::rewrite::transpose::transposing::{Activity, Transposed, Transposing, is_pointer};
+use crate::program::rewrite::transpose::transposer::{Activity, Transposed, Transposer, is_pointer};
 use naga::{
     BinaryOperator, Block, Expression, Function, FunctionArgument, Handle, LocalVariable, Span, Statement,
     SwitchCase, Type, TypeInner,
@@ -22,7 +22,7 @@ type Value = Handle<Expression>;
 /// The block of the function's body, to which its arguments belong.
 pub(super) const ROOT: usize = 1;
 
-impl Transposing<'_> {
+impl Transposer<'_> {
     /// Both halves of a function whose arguments vary where `mask` says so.
     pub(super) fn transposed(&mut self, function: Handle<Function>, mask: &[bool]) -> Result<Transposed> {
         let key = (function, mask.to_vec());
@@ -104,7 +104,7 @@ impl Transposing<'_> {
 
 /// A half as it is written.
 pub(super) struct Back<'r, 'm> {
-    pub(super) shared: &'r mut Transposing<'m>,
+    pub(super) shared: &'r mut Transposer<'m>,
     pub(super) function: Handle<Function>,
     pub(super) old: &'m Function,
     pub(super) activity: Activity,
@@ -129,7 +129,7 @@ pub(super) struct Back<'r, 'm> {
     pub(super) result: Option<Value>,
 }
 
-impl Write for Back<'_, '_> {
+impl FunctionBuilder for Back<'_, '_> {
     fn new_function(&mut self) -> &mut Function {
         &mut self.new
     }
@@ -137,7 +137,7 @@ impl Write for Back<'_, '_> {
 
 impl<'r, 'm> Back<'r, 'm> {
     pub(super) fn new(
-        shared: &'r mut Transposing<'m>,
+        shared: &'r mut Transposer<'m>,
         function: Handle<Function>,
         activity: Activity,
     ) -> Self {

@@ -1,7 +1,7 @@
 //! How an expression hands its adjoint on to what it is made of.
 
 use crate::error::Result;
-use crate::program::rewrite::function::Write;
+use crate::program::rewrite::function_builder::FunctionBuilder;
 use crate::program::rewrite::transpose::adjoint::Adjoint;
 use crate::program::rewrite::transpose::back::Back;
 use crate::program::rewrite::transpose::names::no_way_back;

@@ -1,10 +1,10 @@
 //! Writes the half of a function that goes forward: the function as it was, which records what the way back needs.
 
 use crate::error::Result;
-use crate::program::rewrite::function::Write;
+use crate::program::rewrite::function_builder::FunctionBuilder;
 use crate::program::rewrite::jvp::rules::{Rule, rule};
 use crate::program::rewrite::transpose::record::{Record, key_of};
-use crate::program::rewrite::transpose::transposing::Transposing;
+use crate::program::rewrite::transpose::transposer::Transposer;
 use naga::{
     AddressSpace, Block, Expression, Function, FunctionArgument, Handle, LocalVariable, Span, Statement,
     SwitchCase, Type, TypeInner,
@@ -12,7 +12,7 @@ use naga::{
 
 /// The function; a last argument points to the record, if there is one.
 pub(super) fn write(
-    shared: &mut Transposing,
+    shared: &mut Transposer,
     function: Handle<Function>,
     record: &Record,
     ty: Option<Handle<Type>>,
@@ -39,14 +39,14 @@ pub(super) fn write(
 }
 
 struct Forward<'r, 'm> {
-    shared: &'r Transposing<'m>,
+    shared: &'r Transposer<'m>,
     record: &'r Record,
     new: Function,
     /// To the record.
     pointer: Option<Handle<Expression>>,
 }
 
-impl Write for Forward<'_, '_> {
+impl FunctionBuilder for Forward<'_, '_> {
     fn new_function(&mut self) -> &mut Function {
         &mut self.new
     }

@@ -2,16 +2,16 @@
 //! function takes. Few functions have such loops, and these take few reals.
 
 use crate::error::Result;
-use crate::program::rewrite::function::{Write, called, inner_blocks, real_literal};
+use crate::program::rewrite::function_builder::{FunctionBuilder, called, inner_blocks, real_literal};
 use crate::program::rewrite::jvp::function::rewrite_function;
 use crate::program::rewrite::jvp::rewriting::NewFunction;
 use crate::program::rewrite::jvp::rules::rule;
+use crate::program::rewrite::transpose::emit::Emitter;
 use crate::program::rewrite::transpose::forward;
 use crate::program::rewrite::transpose::layout::add_chains;
 use crate::program::rewrite::transpose::names::{FORWARD_NOTED, no_way_back};
 use crate::program::rewrite::transpose::record::Record;
-use crate::program::rewrite::transpose::transposing::{Activity, Transposed, Transposing, is_pointer};
-use crate::program::rewrite::transpose::writer::Writer;
+use crate::program::rewrite::transpose::transposer::{Activity, Transposed, Transposer, is_pointer};
 use naga::{
     BinaryOperator, Block, Expression, Function, FunctionArgument, FunctionResult, Handle, Span, Statement,
     Type, TypeInner,
@@ -21,7 +21,7 @@ use std::collections::HashMap;
 /// Where a real lies in a value.
 type Chain = Vec<u32>;
 
-impl Transposing<'_> {
+impl Transposer<'_> {
     /// Both halves of a function with loops.
     pub(super) fn by_tangents(
         &mut self,
@@ -46,9 +46,9 @@ impl Transposing<'_> {
             }
         }
         let record_type = self.structure("Record", &record.types.clone())?;
-        let mut back = Writer::default();
+        let mut back = Emitter::default();
         back.new.name = Some(format!("{name}_back"));
-        let argument = |back: &mut Writer, name: &str, ty: Handle<Type>| {
+        let argument = |back: &mut Emitter, name: &str, ty: Handle<Type>| {
             let index = back.new.arguments.len() as u32;
             back.new.arguments.push(FunctionArgument { name: Some(name.into()), ty, binding: None });
             back.append(Expression::FunctionArgument(index))
@@ -104,7 +104,7 @@ impl Transposing<'_> {
     /// What the loss gains by a unit of one real of one argument.
     fn slope(
         &mut self,
-        back: &mut Writer,
+        back: &mut Emitter,
         function: Handle<Function>,
         with_tangents: Handle<Function>,
         values: &[Handle<Expression>],
@@ -154,7 +154,7 @@ impl Transposing<'_> {
     /// A value of a type from its reals; what is missing is zero.
     fn built(
         &mut self,
-        back: &mut Writer,
+        back: &mut Emitter,
         ty: Handle<Type>,
         at: &mut Chain,
         reals: &HashMap<Chain, Handle<Expression>>,

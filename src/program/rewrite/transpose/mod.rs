@@ -10,30 +10,30 @@
 //!
 //! Source: Griewank and Walther, Evaluating Derivatives (2008), section 3.2, reverse propagation of gradients.
 
+mod accumulate;
 mod activity;
 mod adjoint;
 mod back;
+mod emit;
 mod expressions;
 mod forward;
-mod handing;
 mod layout;
 mod loops;
 mod names;
 mod record;
-mod silent;
+mod side_effects;
 mod sums;
-mod transposing;
-mod writer;
+mod transposer;
 
 pub use crate::program::rewrite::transpose::layout::{Layout, NUM_OTHER_SUMS};
 
 use crate::error::{Error, Result};
-use crate::program::rewrite::function::called;
+use crate::program::rewrite::function_builder::called;
 use crate::program::rewrite::jvp::function::called_as_before;
 use crate::program::rewrite::jvp::rewriting::NewFunction;
 use crate::program::rewrite::transpose::names::{ADD_UP, BACK, WRITE};
-use crate::program::rewrite::transpose::silent::silent;
-use crate::program::rewrite::transpose::transposing::Transposing;
+use crate::program::rewrite::transpose::side_effects::strip_side_effects;
+use crate::program::rewrite::transpose::transposer::Transposer;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{Function, Handle, Module, Scalar, Span, Statement};
 use std::collections::HashSet;
@@ -56,12 +56,12 @@ pub fn rewrite(module: &Module, real: Scalar) -> Result<(Module, String)> {
             .validate(module)
             .map_err(|error| Error::internal("the shader of adjoints", &error))
     };
-    let silent = silent(module);
-    let info = validate(&silent)?;
-    let mut transposing = Transposing::new(&silent, &info, real);
-    transposing.add_twins();
-    transposing.functions()?;
-    let rewritten = transposing.rewriting.new;
+    let stripped = strip_side_effects(module);
+    let info = validate(&stripped)?;
+    let mut transposer = Transposer::new(&stripped, &info, real);
+    transposer.add_twins();
+    transposer.functions()?;
+    let rewritten = transposer.rewriting.new;
     let info = validate(&rewritten)?;
     let wgsl = naga::back::wgsl::write_string(&rewritten, &info, naga::back::wgsl::WriterFlags::empty())
         .map_err(|error| Error::internal("writing the shader of adjoints", &error))?;
@@ -75,7 +75,7 @@ fn is_declared(name: &str, function: &Function) -> bool {
     is_empty && (name.ends_with(BACK) || name == ADD_UP || name == WRITE)
 }
 
-impl Transposing<'_> {
+impl Transposer<'_> {
     fn functions(&mut self) -> Result<()> {
         let module = self.module;
         // What calls a function that is yet to be written comes after it.

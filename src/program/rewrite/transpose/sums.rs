@@ -1,17 +1,17 @@
 //! The functions that sum adjoints of the scene's numbers, and write the sums.
 
 use crate::error::{Error, Result};
-use crate::program::rewrite::function::{Write, real_literal};
+use crate::program::rewrite::function_builder::{FunctionBuilder, real_literal};
+use crate::program::rewrite::transpose::emit::Emitter;
 use crate::program::rewrite::transpose::layout::{Layout, add_chains, bound};
 use crate::program::rewrite::transpose::names::{CUT_LOOPS, LOST};
-use crate::program::rewrite::transpose::transposing::Transposing;
-use crate::program::rewrite::transpose::writer::Writer;
+use crate::program::rewrite::transpose::transposer::Transposer;
 use naga::{
     AddressSpace, ArraySize, BinaryOperator, Block, Expression, Function, GlobalVariable, Handle, Literal,
     Span, Statement, TypeInner,
 };
 
-impl Transposing<'_> {
+impl Transposer<'_> {
     /// The variable that sums one invocation's adjoints: of the numbers, then of the total flux.
     fn sums_variable(&mut self, layout: &Layout) -> Result<Handle<GlobalVariable>> {
         const NAME: &str = "sums_of_adjoints";
@@ -47,7 +47,7 @@ impl Transposing<'_> {
         let real_type = module.global_variables[noted].ty;
         let mut twins: Vec<_> = bound(module).collect();
         twins.sort_unstable_by_key(|(binding, _)| *binding);
-        let mut writer = Writer::of(old);
+        let mut writer = Emitter::of(old);
         let mut values = Vec::new();
         for (_, (handle, variable)) in twins {
             let Some(twin) = self.twins.get(&handle) else { continue };
@@ -76,12 +76,14 @@ impl Transposing<'_> {
         let condition = writer.call_now(is_number, vec![total]);
         let sums = writer.append(Expression::GlobalVariable(sums));
         let lost = writer.append(Expression::GlobalVariable(self.global(LOST)?));
-        let add =
-            |writer: &mut Writer, pointer: Handle<Expression>, value: Handle<Expression>, out: &mut Block| {
-                let before = writer.emit(Expression::Load { pointer }, out);
-                let value = writer.binary(BinaryOperator::Add, before, value, out);
-                out.push(Statement::Store { pointer, value }, Span::UNDEFINED);
-            };
+        let add = |writer: &mut Emitter,
+                   pointer: Handle<Expression>,
+                   value: Handle<Expression>,
+                   out: &mut Block| {
+            let before = writer.emit(Expression::Load { pointer }, out);
+            let value = writer.binary(BinaryOperator::Add, before, value, out);
+            out.push(Statement::Store { pointer, value }, Span::UNDEFINED);
+        };
         let (mut accept, mut reject) = (Block::new(), Block::new());
         for (index, value) in values.iter().enumerate() {
             let sum = writer.emit(Expression::AccessIndex { base: sums, index: index as u32 }, &mut accept);
@@ -107,10 +109,10 @@ impl Transposing<'_> {
     pub(super) fn write_sums(&mut self, old: &Function, layout: &Layout) -> Result<Function> {
         let sums = self.sums_variable(layout)?;
         let rows = self.global("adjoint_sums")?;
-        let mut writer = Writer::of(old);
+        let mut writer = Emitter::of(old);
         let [sums, rows] = [sums, rows].map(|variable| writer.append(Expression::GlobalVariable(variable)));
         let invocation = writer.append(Expression::FunctionArgument(0));
-        let literal = |writer: &mut Writer, value: usize| {
+        let literal = |writer: &mut Emitter, value: usize| {
             writer.append(Expression::Literal(Literal::U32(value as u32)))
         };
         let num = literal(&mut writer, layout.num_sums());

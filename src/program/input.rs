@@ -15,7 +15,7 @@ use glam::DVec3;
 
 /// What compositions and their extensions are made from.
 #[derive(Debug)]
-pub struct Prepared<'a> {
+pub struct ProgramInput<'a> {
     /// The scene.
     pub ir: &'a SceneIr,
     /// How to specialise.
@@ -44,7 +44,7 @@ pub struct Prepared<'a> {
     pub constant_weights: bool,
 }
 
-impl<'a> Prepared<'a> {
+impl<'a> ProgramInput<'a> {
     /// Prepares a scene.
     ///
     /// # Errors
@@ -88,7 +88,7 @@ impl<'a> Prepared<'a> {
             && features.whole_weights
             && options.moments != SecondMoments::Squares
             && options.weights.iter().all(|weight| *weight == options.weights[0]);
-        Ok(Prepared {
+        Ok(ProgramInput {
             ir,
             places: Places::of(ir),
             options,

@@ -8,7 +8,7 @@ use naga::{
 };
 
 /// A function that is written.
-pub(super) trait Write {
+pub(super) trait FunctionBuilder {
     /// The new function.
     fn new_function(&mut self) -> &mut Function;
 
@@ -48,7 +48,7 @@ pub(super) trait Write {
 }
 
 /// A function that is written anew, statement by statement, from an old one.
-pub(super) trait Rewrite: Write {
+pub(super) trait Rewrite: FunctionBuilder {
     /// The new value of an old one that has been emitted, or that needs no evaluation.
     fn value(&mut self, old: Handle<Expression>) -> Result<Handle<Expression>>;
 

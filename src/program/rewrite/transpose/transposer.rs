@@ -1,4 +1,4 @@
-//! The state of transposing a module, which all its functions share.
+//! The state of transposer a module, which all its functions share.
 
 use crate::error::{Error, Result};
 use crate::program::rewrite::jvp::rewriting::Rewriting;
@@ -47,7 +47,7 @@ pub(super) struct Transposed {
 }
 
 /// The new module as it grows.
-pub(super) struct Transposing<'a> {
+pub(super) struct Transposer<'a> {
     /// The old module.
     pub(super) module: &'a Module,
     info: &'a ModuleInfo,
@@ -60,10 +60,10 @@ pub(super) struct Transposing<'a> {
     num_structs: usize,
 }
 
-impl<'a> Transposing<'a> {
+impl<'a> Transposer<'a> {
     pub(super) fn new(module: &'a Module, info: &'a ModuleInfo, real: Scalar) -> Self {
         let rewriting = Rewriting::new(module, info, real, 1);
-        Transposing {
+        Transposer {
             module,
             info,
             rewriting,

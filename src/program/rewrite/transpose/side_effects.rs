@@ -1,20 +1,20 @@
 //! A module that adds nothing to sums: the reverse pass traces light again, and only its adjoints are wanted.
 
-use crate::program::rewrite::function::inner_blocks_mut;
+use crate::program::rewrite::function_builder::inner_blocks_mut;
 use naga::{AddressSpace, Block, Expression, Function, GlobalVariable, Handle, Module, Statement};
 use std::collections::HashSet;
 
 /// The module without atomics, and without writes to what invocations share. What an atomic would have given is zero.
-pub(super) fn silent(module: &Module) -> Module {
-    let mut silent = module.clone();
+pub(super) fn strip_side_effects(module: &Module) -> Module {
+    let mut stripped = module.clone();
     let is_shared = |space: AddressSpace| !matches!(space, AddressSpace::Private | AddressSpace::Function);
     let variables = module.global_variables.iter();
     let shared: HashSet<Handle<GlobalVariable>> =
         variables.filter(|(_, v)| is_shared(v.space)).map(|(handle, _)| handle).collect();
-    for (_, function) in silent.functions.iter_mut() {
+    for (_, function) in stripped.functions.iter_mut() {
         silence(function, &shared);
     }
-    silent
+    stripped
 }
 
 fn silence(function: &mut Function, shared: &HashSet<Handle<GlobalVariable>>) {

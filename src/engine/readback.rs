@@ -18,7 +18,7 @@ pub(crate) struct Counted {
 }
 
 /// Adds counters and sums to a tally. A number may come several times, in parts that add up.
-pub(crate) struct Intake<'a> {
+pub(crate) struct Readback<'a> {
     layout: Layout<'a>,
     counted: Counted,
     tally: &'a mut Tally,
@@ -81,8 +81,8 @@ impl<'a> Layout<'a> {
     }
 }
 
-impl<'a> Intake<'a> {
-    /// An intake for a tally in the scene's shape. The tally may lack moments.
+impl<'a> Readback<'a> {
+    /// An readback for a tally in the scene's shape. The tally may lack moments.
     pub fn new(cells: &'a Cells, counted: Counted, num_sources: usize, tally: &'a mut Tally) -> Self {
         let layout = Layout::of(cells);
         for detector in &mut tally.detectors {
@@ -105,7 +105,7 @@ impl<'a> Intake<'a> {
         }
         let counters = vec![0; layout.other_counter(cells.num_counters)];
         let sums = vec![0; layout.other_sum(cells.num_sums)];
-        Intake { layout, counted, tally, counters, sums, has_tangents }
+        Readback { layout, counted, tally, counters, sums, has_tangents }
     }
 
     /// Adds to a counter.
@@ -172,7 +172,7 @@ impl<'a> Intake<'a> {
 
     /// Adds the numbers that belong to no detector's cell.
     pub fn finish(self, marks: ReachedMarks) {
-        let Intake { layout, tally, counters, sums, .. } = self;
+        let Readback { layout, tally, counters, sums, .. } = self;
         let flux_sum = |cell: usize| FluxSum { count: counters[cell], quanta: sums[cell] };
         tally.invalid_deposits += counters[0];
         tally.medium_stack_underflows += counters[1];
@@ -270,10 +270,10 @@ mod tests {
     #[test]
     fn every_number_finds_its_place() {
         let (cells, mut tally) = (cells(), tally());
-        let mut intake = Intake::new(&cells, NOTHING, 1, &mut tally);
-        (0..21).for_each(|i| intake.count(i, 100 + i as u64));
-        (0..17).for_each(|i| intake.sum(i, 1000 + i as u128));
-        intake.finish(ReachedMarks::Counters);
+        let mut readback = Readback::new(&cells, NOTHING, 1, &mut tally);
+        (0..21).for_each(|i| readback.count(i, 100 + i as u64));
+        (0..17).for_each(|i| readback.sum(i, 1000 + i as u128));
+        readback.finish(ReachedMarks::Counters);
         assert_eq!((tally.invalid_deposits, tally.medium_stack_underflows), (100, 101));
         assert_eq!(tally.bsdf_gain, FluxSum { count: 111, quanta: 1011 });
         assert_eq!(tally.surfaces[0].absorbed, FluxSum { count: 112, quanta: 1012 });
@@ -296,9 +296,9 @@ mod tests {
         };
         let mut tally = tally();
         tally.surfaces.push(Default::default());
-        let mut intake = Intake::new(&cells, NOTHING, 1, &mut tally);
-        intake.count(13, 3);
-        intake.finish(ReachedMarks::None);
+        let mut readback = Readback::new(&cells, NOTHING, 1, &mut tally);
+        readback.count(13, 3);
+        readback.finish(ReachedMarks::None);
         let reached: Vec<bool> = tally.surfaces.iter().map(|surface| surface.reached).collect();
         assert_eq!(reached, [false, true]);
     }
@@ -307,9 +307,9 @@ mod tests {
     fn squares_and_totals_lie_behind_the_cells() {
         let moments = Some(MomentCells { squares_offset: 4, totals: Some(21), large_squares: 25 });
         let (cells, mut tally) = (Cells { moments, num_sums: 26, ..cells() }, tally());
-        let mut intake = Intake::new(&cells, NOTHING, 1, &mut tally);
-        (13..26).for_each(|i| intake.sum(i, i as u128));
-        intake.finish(ReachedMarks::Counters);
+        let mut readback = Readback::new(&cells, NOTHING, 1, &mut tally);
+        (13..26).for_each(|i| readback.sum(i, i as u128));
+        readback.finish(ReachedMarks::Counters);
         assert_eq!(
             (&tally.detectors[0].quanta[..], &tally.detectors[0].squares[..]),
             (&[13, 14, 15][..], &[17, 18, 19][..])
@@ -323,9 +323,9 @@ mod tests {
     fn moments_follow_from_hits() {
         let (cells, mut tally) = (cells(), tally());
         let counted = Counted { quanta: Some(10), square: Some(7) };
-        let mut intake = Intake::new(&cells, counted, 1, &mut tally);
-        [(6, 5), (14, 2), (16, 3), (17, 1)].into_iter().for_each(|(i, count)| intake.count(i, count));
-        intake.finish(ReachedMarks::Bits);
+        let mut readback = Readback::new(&cells, counted, 1, &mut tally);
+        [(6, 5), (14, 2), (16, 3), (17, 1)].into_iter().for_each(|(i, count)| readback.count(i, count));
+        readback.finish(ReachedMarks::Bits);
         assert_eq!(tally.escaped, FluxSum { count: 5, quanta: 50 });
         assert_eq!(
             (&tally.detectors[0].quanta[..], &tally.detectors[0].squares[..]),
@@ -351,10 +351,10 @@ mod tests {
             },
             tally(),
         );
-        let mut intake = Intake::new(&cells, NOTHING, 1, &mut tally);
-        (13..21).for_each(|i| intake.sum(i, i as u128));
-        (13..22).for_each(|i| intake.count(i, i as u64));
-        intake.finish(ReachedMarks::Counters);
+        let mut readback = Readback::new(&cells, NOTHING, 1, &mut tally);
+        (13..21).for_each(|i| readback.sum(i, i as u128));
+        (13..22).for_each(|i| readback.count(i, i as u64));
+        readback.finish(ReachedMarks::Counters);
         assert_eq!(tally.detectors[0].replicates, [13, 14, 15, 17, 18, 19]);
         assert_eq!(tally.detectors[0].quanta, [30, 32, 34]);
         assert_eq!(tally.detectors[1].replicates, [16, 20]);
@@ -379,12 +379,12 @@ mod tests {
             tally(),
         );
         for _ in 0..2 {
-            let mut intake = Intake::new(&cells, NOTHING, 1, &mut tally);
+            let mut readback = Readback::new(&cells, NOTHING, 1, &mut tally);
             [(13, 5), (18, 4), (22, 7), (20, 7)]
                 .into_iter()
-                .for_each(|(cell, value)| intake.sum(cell, value));
-            intake.count(19, 2);
-            intake.finish(ReachedMarks::Counters);
+                .for_each(|(cell, value)| readback.sum(cell, value));
+            readback.count(19, 2);
+            readback.finish(ReachedMarks::Counters);
         }
         let map = &tally.detectors[0];
         assert_eq!((&map.quanta[..], &map.tangents[..]), (&[10, 0, 0][..], &[0, -6, 0][..]));

@@ -1,17 +1,17 @@
 // Of a family, the host is told of one ray alone, and of the rays from which that ray was split. Its number stands in the
-// second half of the list. Twin of told.alone.wgsl.
+// second half of the list. Twin of replayed.alone.wgsl.
 
-fn told_number(ray: Ray) -> u32 {
+fn replayed_number(ray: Ray) -> u32 {
     let place = ray.index & PATH_INDEX_MASK;
     return listed_ids[arrayLength(&listed_ids) / 2u + place].x;
 }
 
 // The bits of a number that later splits have set are not set yet.
-fn is_step_told(ray: Ray) -> bool {
+fn is_step_replayed(ray: Ray) -> bool {
     let so_far = (2u << min(ray.bounce, 30u)) - 1u;
-    return (ray.index >> INDEX_BITS) == (told_number(ray) & so_far);
+    return (ray.index >> INDEX_BITS) == (replayed_number(ray) & so_far);
 }
 
-fn is_end_told(ray: Ray) -> bool {
-    return (ray.index >> INDEX_BITS) == told_number(ray);
+fn is_end_replayed(ray: Ray) -> bool {
+    return (ray.index >> INDEX_BITS) == replayed_number(ray);
 }

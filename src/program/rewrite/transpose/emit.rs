@@ -1,25 +1,25 @@
 //! A function that is written from its beginning to its end.
 
-use crate::program::rewrite::function::Write;
+use crate::program::rewrite::function_builder::FunctionBuilder;
 use naga::{Block, Expression, Function, Handle, Span, Statement};
 
 #[derive(Default)]
-pub(super) struct Writer {
+pub(super) struct Emitter {
     pub(super) new: Function,
     pub(super) body: Block,
 }
 
-impl Write for Writer {
+impl FunctionBuilder for Emitter {
     fn new_function(&mut self) -> &mut Function {
         &mut self.new
     }
 }
 
-impl Writer {
+impl Emitter {
     /// A function that is to be called as an old one.
     pub(super) fn of(old: &Function) -> Self {
         let new = Function { name: old.name.clone(), arguments: old.arguments.clone(), ..Default::default() };
-        Writer { new, body: Block::new() }
+        Emitter { new, body: Block::new() }
     }
 
     /// An expression that is evaluated next.
