@@ -34,7 +34,7 @@
 
 #![cfg_attr(
     not(feature = "cpu"),
-    allow(dead_code, unused_imports, reason = "some parts of the engine are for the wing alone")
+    allow(dead_code, unused_imports, reason = "some parts of the engine are for the CPU backend alone")
 )]
 
 pub mod cli;
@@ -51,7 +51,7 @@ pub mod gpu;
 pub mod mesa;
 #[warn(
     clippy::wildcard_enum_match_arm,
-    reason = "whoever adds a kind must be told of every place that knows kinds"
+    reason = "whoever adds a kind must learn of every place that knows kinds"
 )]
 pub mod model;
 pub mod paths;

@@ -412,15 +412,15 @@ fn derivatives_have_the_same_bits_however_they_are_traced() {
         let found = of(names, &options);
         assert_eq!((found.map, found.flux), (alone.map.clone(), alone.flux), "{names:?}");
     }
-    // On a shelf, and from portable integers.
+    // On a cache, and from portable integers.
     let scene = differentiated(BENCH, &["L1.r1"]);
-    let shelf = nsq_gpu::run::Shelf::new();
+    let cache = nsq_gpu::run::PipelineCache::new();
     for _ in 0..2 {
-        let how = How { shelf: Some(&shelf), without_errors: true, ..How::default() };
+        let how = How { cache: Some(&cache), without_errors: true, ..How::default() };
         let found = scene.gradients(zoo::gpu(), &options, how, |_| true).unwrap().0;
         assert_eq!((&found[0].map, found[0].standard_error), (&alone.map, None));
     }
-    assert_eq!(shelf.len(), 1, "one shader serves both");
+    assert_eq!(cache.len(), 1, "one shader serves both");
     let found = scene.gradients(zoo::portable_gpu(), &options, How::default(), |_| true).unwrap().0;
     assert_eq!(found[0].map, alone.map);
 }
@@ -680,9 +680,9 @@ fn derivatives_of_1e8_rays_are_those_of_differences_to_1_percent() {
 fn check_seeds(seeds: u64, rays_of_truth: u64, shares: std::ops::Range<f64>) {
     let names = ["L1.r1", "image.z", "glass.n"];
     let scene = differentiated(BENCH, &names);
-    let shelf = nsq_gpu::run::Shelf::new();
+    let cache = nsq_gpu::run::PipelineCache::new();
     let numbers = |num_rays: u64, seed: u64| -> Vec<Vec<(f64, f64)>> {
-        let how = How { shelf: Some(&shelf), ..How::default() };
+        let how = How { cache: Some(&cache), ..How::default() };
         let options = zoo::options(num_rays, seed, Precision::F64);
         let found = scene.gradients(zoo::gpu(), &options, how, |_| true).unwrap().0;
         let of_one = |one: &Gradient| {
@@ -1184,22 +1184,22 @@ fn a_short_difference_confirms_what_stays_clear_of_edges() {
     let wide = BENCH.replace("\"aperture_radius\": 8.0", "\"aperture_radius\": 20.0");
     assert_ne!(wide, BENCH);
     let names = ["glass.n", "L1.r1", "beam.total_flux", "lamp.z", "L1.front_aperture_radius"];
-    let shelf = nsq_gpu::run::Shelf::new();
-    let not_confirmed = |text: &str, num_rays: u64, shelf, is_flux: bool| {
+    let cache = nsq_gpu::run::PipelineCache::new();
+    let not_confirmed = |text: &str, num_rays: u64, cache, is_flux: bool| {
         let scene = differentiated(text, &names);
         let options = zoo::options(num_rays, 5, Precision::F64);
         let flux = || scene.adjoint_lengths().map(|num| vec![1.0; num]).collect();
         let adjoints = if is_flux { flux() } else { some_adjoints(&scene) };
         let how = How { with_edges: true, ..How::default() };
         let found = scene.loss_gradient(zoo::gpu(), &options, how, &adjoints, |_| true).unwrap();
-        let apart = scene.not_confirmed(zoo::gpu(), &options, shelf, &adjoints, &found, |_| true).unwrap();
+        let apart = scene.not_confirmed(zoo::gpu(), &options, cache, &adjoints, &found, |_| true).unwrap();
         apart.into_iter().map(|(number, _)| names[number]).collect::<Vec<_>>()
     };
     for num_rays in [100, 5_000, 50_000] {
         assert_eq!(not_confirmed(BENCH, num_rays, None, false), Vec::<&str>::new(), "{num_rays} rays");
     }
-    for shelf in [None, Some(&shelf)] {
-        let found = not_confirmed(&wide, 50_000, shelf, true);
+    for cache in [None, Some(&cache)] {
+        let found = not_confirmed(&wide, 50_000, cache, true);
         assert!(
             found.contains(&"L1.front_aperture_radius") && !found.contains(&"beam.total_flux"),
             "{found:?}"

@@ -21,9 +21,19 @@ use nsq_gpu::gpu::{AdapterChoice, Gpu};
 use nsq_gpu::model::SceneIr;
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::Tally;
-use nsq_gpu::run::Shelf;
+use nsq_gpu::run::{ForAdapter, PipelineCache, Shaders};
 use nsq_gpu::{Scene, TraceOptions, Tracer};
 use serde_json::Value;
+
+/// A tracer with the shaders of a cache.
+fn cached<'a>(
+    gpu: &'a Gpu,
+    ir: &'a SceneIr,
+    options: &TraceOptions,
+    cache: &PipelineCache,
+) -> nsq_gpu::Result<Tracer<'a>> {
+    Tracer::with(gpu, ir, options, ForAdapter::WhatPays, Shaders { cache: Some(cache), edit: None })
+}
 
 fn gpu() -> Gpu {
     Gpu::open(&AdapterChoice::default()).unwrap()
@@ -75,12 +85,12 @@ fn document(name: &str) -> Value {
 
 #[test]
 fn every_scene_gives_the_committed_bits() {
-    let (gpu, shelf) = (gpu(), Shelf::new());
+    let (gpu, cache) = (gpu(), PipelineCache::new());
     let committed = bits::committed();
     let mut differ = Vec::new();
     for (i, name) in json_files("scenes").into_iter().enumerate() {
         let ir = model(&text(&name)).unwrap();
-        let mut tracer = Tracer::on_shelf(&gpu, &ir, &options(precision(i), true), &shelf).unwrap();
+        let mut tracer = cached(&gpu, &ir, &options(precision(i), true), &cache).unwrap();
         if hash(&tracer.trace(|_| true).unwrap()) != committed[&name] {
             differ.push(name);
         }
@@ -95,9 +105,9 @@ fn scenes_of_one_shape_share_a_shader_and_each_has_its_own_numbers() {
     let (mut num_changed, mut num_scenes) = (0, 0);
     for (i, name) in json_files("scenes").into_iter().enumerate() {
         let original = document(&name);
-        let shelf = Shelf::new();
+        let cache = PipelineCache::new();
         let live = |ir: &SceneIr| -> (String, Tally) {
-            let mut tracer = Tracer::on_shelf(&gpu, ir, &options(precision(i), true), &shelf).unwrap();
+            let mut tracer = cached(&gpu, ir, &options(precision(i), true), &cache).unwrap();
             let text = tracer.program().wgsl.clone();
             (text, tracer.trace(|_| true).unwrap())
         };
@@ -108,7 +118,7 @@ fn scenes_of_one_shape_share_a_shader_and_each_has_its_own_numbers() {
         for place in places {
             let Some((next, ir)) = changed(&scene, &place) else { continue };
             let is_of_the_shape = |ir: &SceneIr| {
-                let tracer = Tracer::on_shelf(&gpu, ir, &options(precision(i), true), &shelf);
+                let tracer = cached(&gpu, ir, &options(precision(i), true), &cache);
                 tracer.is_ok_and(|tracer| tracer.program().wgsl == shape)
             };
             if is_of_the_shape(&ir) {
@@ -142,9 +152,9 @@ fn every_number_of_every_scene_reaches_the_device() {
     let gpu = gpu();
     let (mut num_numbers, mut without_effect) = (0, Vec::new());
     for name in json_files("scenes") {
-        let (original, shelf) = (document(&name), Shelf::new());
+        let (original, cache) = (document(&name), PipelineCache::new());
         let read = |ir: &SceneIr| {
-            let tracer = Tracer::on_shelf(&gpu, ir, &options(Precision::F64, true), &shelf).ok()?;
+            let tracer = cached(&gpu, ir, &options(Precision::F64, true), &cache).ok()?;
             let program = tracer.program();
             Some((program.wgsl.clone(), program.buffers.clone(), program.source_uniforms.clone()))
         };

@@ -5,7 +5,7 @@ use crate::cases::{Case, Kind};
 use nsq_gpu::gpu::Gpu;
 use nsq_gpu::program::Precision;
 use nsq_gpu::run::gradients::{Differentiated, How, MOST_PARAMETERS};
-use nsq_gpu::run::{Shelf, StandardError, TraceOptions, Tracer};
+use nsq_gpu::run::{ForAdapter, PipelineCache, Shaders, StandardError, TraceOptions, Tracer};
 use nsq_gpu::{Error, Result};
 use serde_json::Value;
 use std::fmt::Write;
@@ -67,9 +67,9 @@ pub fn measure(gpu: &Gpu, case: &Case, precision: Precision, num_runs: usize) ->
     let scenes = [one?, four?];
     let options =
         TraceOptions { standard_error: StandardError::Off, ..case.options(precision) }.tuned(&gpu.info);
-    let shelf = Shelf::new();
-    let how = How { shelf: Some(&shelf), ..How::default() };
-    let mut plain = Tracer::plain(gpu, &scenes[0].ir, &options)?;
+    let cache = PipelineCache::new();
+    let how = How { cache: Some(&cache), ..How::default() };
+    let mut plain = Tracer::with(gpu, &scenes[0].ir, &options, ForAdapter::Nothing, Shaders::default())?;
     let adjoints: Vec<Vec<f64>> = scenes[1].adjoint_lengths().map(|num| vec![1.0; num]).collect();
     let mut times = [const { Vec::new() }; 4];
     // The first round compiles.

@@ -6,7 +6,7 @@ use crate::cases::{Case, Kind};
 use nsq_gpu::gpu::Gpu;
 use nsq_gpu::internals::{Choices, When};
 use nsq_gpu::program::Precision;
-use nsq_gpu::run::{Collect, StandardError, TraceOptions, Tracer};
+use nsq_gpu::run::{Collect, ForAdapter, Shaders, StandardError, TraceOptions, Tracer};
 use nsq_gpu::scene::Scene;
 use nsq_gpu::{Error, Result};
 use std::fmt::Write;
@@ -42,8 +42,8 @@ pub fn measure(gpu: &Gpu, case: &Case, precision: Precision, num_runs: usize) ->
     let choices = Choices { second_device: is_long, side_paths: is_long, ..Choices::default() };
     let with_table = TraceOptions { collect: Collect::paths(), ..options.clone() };
     let mut tracers = [
-        Tracer::plain(gpu, &ir, &options)?,
-        Tracer::with_choices(gpu, &ir, &options, &choices, |wgsl| wgsl)?,
+        Tracer::with(gpu, &ir, &options, ForAdapter::Nothing, Shaders::default())?,
+        Tracer::with(gpu, &ir, &options, ForAdapter::Forced(&choices), Shaders::default())?,
         Tracer::new(gpu, &ir, &with_table)?,
     ];
     let mut num_rows = 0;

@@ -9,7 +9,7 @@ use nsq_gpu::internals::{Choices, Profile, REPORT, When, vector_width};
 use nsq_gpu::model::SceneIr;
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{FluxUnit, Ledger, PathEventKind};
-use nsq_gpu::run::{RecordPaths, TraceOptions, Tracer};
+use nsq_gpu::run::{ForAdapter, RecordPaths, Shaders, TraceOptions, Tracer};
 use nsq_gpu::scene::Scene;
 use nsq_gpu::{Error, Result};
 use serde::{Deserialize, Serialize};
@@ -275,7 +275,13 @@ impl<'a> Subject<'a> {
                 let in_midst = if is_long { When::Always } else { When::ItPays };
                 let choices = Choices { second_device: in_midst, side_paths: in_midst, ..Choices::default() };
                 let options = case.options(precision).tuned(&session.gpu.info);
-                let tracer = Tracer::with_choices(session.gpu, ir, &options, &choices, |wgsl| wgsl)?;
+                let tracer = Tracer::with(
+                    session.gpu,
+                    ir,
+                    &options,
+                    ForAdapter::Forced(&choices),
+                    Shaders::default(),
+                )?;
                 let ready_sec = before(Instant::now());
                 (Engine::Tracer { tracer: Box::new(tracer), ir }, Some(ready_sec))
             }

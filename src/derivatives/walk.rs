@@ -5,7 +5,8 @@ use crate::derivatives::Derivatives;
 use crate::derivatives::jacobian::{ComposedInF64, ProgramNumbers, composed_in_f64, parameter_jacobian};
 use crate::engine::addition::Additions;
 use crate::engine::options::{Collect, TraceOptions};
-use crate::engine::retrace::{After, Batch, Retrace, Retracing, Source, trace_again};
+use crate::engine::pipeline_cache::Shaders;
+use crate::engine::retrace::{After, Batch, Retrace, Retracing, trace_again};
 use crate::engine::stages::ExtraBindings;
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
@@ -56,10 +57,10 @@ impl<'a> Walker<'a> {
     ///
     /// # Errors
     /// [`Error::NoWayBack`] if the scene has something through which there is no reverse pass.
-    pub(crate) fn new(gpu: &'a Gpu, ir: &SceneIr, options: &TraceOptions, source: Source) -> Result<Self> {
+    pub(crate) fn new(gpu: &'a Gpu, ir: &SceneIr, options: &TraceOptions, shaders: Shaders) -> Result<Self> {
         let options = TraceOptions { collect: Collect::Adjoints, ..options.clone() };
         let filter = Paths::of(&options).map(Additions::one).unwrap_or_default();
-        let again = Retrace::new(gpu, ir, &options, filter.and(Derivatives::Adjoints), source)?;
+        let again = Retrace::new(gpu, ir, &options, filter.and(Derivatives::Adjoints), shaders)?;
         let first = composed_in_f64(ir, &options, &again.plan.program, &again.additions.of_program())?;
         let layout = Layout::of(&first.parsed.module, Scalar::F64);
         if layout.num_numbers() > MOST_NUMBERS {

@@ -277,6 +277,7 @@ impl Additions {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use crate::engine::pipeline_cache::Shaders;
     use crate::engine::prepare::prepare;
     use crate::engine::undrained::empty_tally;
     use crate::engine::wavefront;
@@ -323,7 +324,7 @@ mod tests {
         let ir = crate::Scene::from_json(TRAP).unwrap().lower().unwrap();
         let traced = |max_depth, mut additions: Additions| {
             let options = TraceOptions { num_rays: 5000, max_depth, ..Default::default() };
-            let mut engine = prepare(&gpu, &ir, &options, &mut additions, |wgsl| wgsl).unwrap();
+            let mut engine = prepare(&gpu, &ir, &options, &mut additions, Shaders::default()).unwrap();
             wavefront::trace(&mut engine, &mut additions, empty_tally(&ir), |_| Ok(true)).unwrap()
         };
         let [plain, short] = [traced(3, Additions::default()), traced(64, Additions::one(ShortSight))];

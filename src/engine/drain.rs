@@ -121,6 +121,7 @@ impl Engine<'_> {
 mod tests {
     use super::*;
     use crate::engine::options::TraceOptions;
+    use crate::engine::pipeline_cache::Shaders;
     use crate::engine::prepare::prepare;
     use crate::engine::wavefront;
     use crate::gpu::{AdapterChoice, Gpu};
@@ -146,7 +147,7 @@ mod tests {
                 TraceOptions { num_rays: 5000, max_depth: 900, standard_error, ..Default::default() };
             let traced = |most_counts: Option<u64>| {
                 let mut plain = Additions::default();
-                let mut engine = prepare(&gpu, &ir, &options, &mut plain, |wgsl| wgsl).unwrap();
+                let mut engine = prepare(&gpu, &ir, &options, &mut plain, Shaders::default()).unwrap();
                 engine.most_counts = most_counts.unwrap_or(engine.most_counts);
                 wavefront::trace(&mut engine, &mut plain, empty_tally(&ir), |_| Ok(true)).unwrap()
             };

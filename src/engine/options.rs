@@ -63,10 +63,10 @@ pub struct TraceOptions {
     pub events_per_dispatch: u32,
     /// Whether arithmetic is strict. With strict arithmetic, a scene gives the same bits compiled in and in tables.
     pub strict: Strict,
-    /// The numbers of the scene lie in a table, so that a compiled shader serves all scenes of one shape ([`Shelf`]).
+    /// The numbers of the scene lie in a table, so that a compiled shader serves all scenes of one shape ([`PipelineCache`]).
     /// With strict arithmetic no bit of a result changes.
     ///
-    /// [`Shelf`]: crate::engine::shelf::Shelf
+    /// [`PipelineCache`]: crate::engine::pipeline_cache::PipelineCache
     pub live: bool,
     /// Most bytes of a part in which sums are bound; `None`: as many as the adapter binds. No result changes.
     #[doc(hidden)]

@@ -10,15 +10,14 @@ use crate::engine::dispatch_size::DispatchSize;
 use crate::engine::limits::{DispatchLimits, check_families, counts_per_ray};
 use crate::engine::moments::MomentSource;
 use crate::engine::options::{TraceOptions, check_options};
+use crate::engine::pipeline_cache::Shaders;
 use crate::engine::readback::Counted;
 use crate::engine::stages::{ExtraBindings, Stages};
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::model::SceneIr;
-use crate::program::addition::ShaderAdditions;
 use crate::program::layout::numbers::lie_in_uniforms;
 use crate::program::layout::tables::ReachedMarks;
-use crate::program::parsed::Parsed;
 use crate::program::{self, Precision, Program, ProgramOptions, RayRange};
 use crate::result::{FluxSum, QUANTA_PER_WEIGHT, RaySet, RaySpan, Tally};
 use std::sync::Arc;
@@ -48,13 +47,13 @@ fn roulette_threshold(ir: &SceneIr, options: &TraceOptions) -> f64 {
 }
 
 impl TracePlan {
-    /// Shares out the rays, and composes the program. `parse` gives the module of a text.
+    /// Shares out the rays, and composes the program.
     pub(crate) fn new(
         gpu: &Gpu,
         ir: &SceneIr,
         options: &TraceOptions,
         additions: &mut Additions,
-        parse: impl FnOnce(String, Precision, &ShaderAdditions) -> Result<Arc<Parsed>>,
+        shaders: Shaders,
     ) -> Result<Self> {
         check_options(gpu, options)?;
         let rays = part(distribute(ir, options.budget(), options.shares.as_deref())?, options)?;
@@ -62,6 +61,7 @@ impl TracePlan {
         let moments = MomentSource::of(ir, options, &weights, roulette_threshold(ir, options));
         let mut program = plain(gpu, ir, options, weights, moments);
         additions.specialise(gpu, ir, options, &mut program)?;
+        let parse = |wgsl, precision, of_additions: &_| shaders.parsed(wgsl, precision, of_additions);
         let mut program = Program::parsed_by(ir, program, &additions.of_program(), options.seed, parse)?;
         additions.pack(ir, options, &mut program)?;
         check_families(&program, options)?;

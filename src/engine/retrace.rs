@@ -7,14 +7,13 @@ use crate::engine::addition::Additions;
 use crate::engine::device::DeviceState;
 use crate::engine::dispatch::submit_alone;
 use crate::engine::options::TraceOptions;
+use crate::engine::pipeline_cache::Shaders;
 use crate::engine::plan::TracePlan;
-use crate::engine::shelf::Shelf;
 use crate::engine::stages::{ExtraBindings, Stages};
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::model::SceneIr;
 use crate::program::RayRange;
-use crate::program::parsed::Parsed;
 use crate::result::RaySpan;
 use std::sync::Arc;
 use std::time::Instant;
@@ -26,15 +25,6 @@ pub(crate) struct Retrace {
     stages: Arc<Stages>,
 }
 
-/// Where the shaders of a second trace come from.
-#[derive(Clone, Copy, Default)]
-pub(crate) struct Source<'a> {
-    /// Compiled shaders of earlier traces.
-    pub(crate) shelf: Option<&'a Shelf>,
-    /// Changes the composed text: for tests that must notice a wrong shader.
-    pub(crate) edit: Option<&'a dyn Fn(String) -> String>,
-}
-
 impl Retrace {
     /// Composes and compiles a scene.
     pub(crate) fn new(
@@ -42,22 +32,11 @@ impl Retrace {
         ir: &SceneIr,
         options: &TraceOptions,
         mut additions: Additions,
-        source: Source,
+        shaders: Shaders,
     ) -> Result<Self> {
-        let shelf = source.shelf.filter(|_| source.edit.is_none());
-        let plan =
-            TracePlan::new(gpu, ir, options, &mut additions, |wgsl, precision, shaders| match shelf {
-                Some(shelf) => shelf.parsed(wgsl, precision, shaders),
-                None => {
-                    let wgsl = source.edit.map_or(wgsl.clone(), |edit| edit(wgsl));
-                    Parsed::of(wgsl, precision, shaders).map(Arc::new)
-                }
-            })?;
+        let plan = TracePlan::new(gpu, ir, options, &mut additions, shaders)?;
         let strict = options.is_strict(&gpu.info);
-        let stages = match shelf {
-            Some(shelf) => shelf.stages(gpu, &plan.program, strict)?,
-            None => Arc::new(Stages::new(gpu, &plan.program, strict, &ExtraBindings::default())?),
-        };
+        let stages = shaders.stages(gpu, &plan.program, strict, &ExtraBindings::default())?;
         Ok(Retrace { plan, additions, stages })
     }
 

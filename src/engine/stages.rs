@@ -1,5 +1,5 @@
 //! The stages of a program, compiled for a device. They depend on the program's text alone, not on the contents of its
-//! buffers: programs of the same text share them ([`crate::engine::shelf`]).
+//! buffers: programs of the same text share them ([`crate::engine::pipeline_cache`]).
 
 use crate::error::{Error, Result};
 use crate::gpu::{self, Gpu};

@@ -4,7 +4,8 @@ use crate::engine::addition::Additions;
 use crate::engine::device::DeviceState;
 use crate::engine::dispatch_size::DispatchSize;
 use crate::engine::options::{Collect, TraceOptions};
-use crate::engine::retrace::{After, Batch, Retrace, Retracing, Source, trace_again};
+use crate::engine::pipeline_cache::Shaders;
+use crate::engine::retrace::{After, Batch, Retrace, Retracing, trace_again};
 use crate::engine::rows::read_events;
 use crate::engine::stages::ExtraBindings;
 use crate::error::{Error, Result};
@@ -56,7 +57,7 @@ impl PathReplay {
         let collect = Collect::Events { ends };
         let options = TraceOptions { collect, batch_size: Some(MOST_LISTED), ..options.clone() };
         let additions = Paths::of(&options).map(Additions::one).unwrap_or_default();
-        let again = Retrace::new(gpu, ir, &options, additions, Source::default())?;
+        let again = Retrace::new(gpu, ir, &options, additions, Shaders::default())?;
         let ids = gpu.buffer("listed rays", u64::from(again.plan.batch) * 16)?;
         let device = again.open(gpu, &ExtraBindings::of([(bindings::LISTED_IDS, ids.clone())]))?;
         Ok(PathReplay { again, device, ids, is_strict })

@@ -7,7 +7,6 @@ use crate::cpu::{Choices, Cpu};
 use crate::derivatives::Derivatives;
 use crate::engine::addition::{Addition, Additions};
 use crate::engine::options::{Collect, TraceOptions};
-#[cfg(feature = "cpu")]
 use crate::gpu::Gpu;
 use crate::paths::Paths;
 
@@ -87,20 +86,48 @@ fn stands_aside(asked: Kind) -> bool {
 }
 
 /// The additions that options ask for.
-pub(crate) fn of_options(options: &TraceOptions) -> Additions {
+fn of_options(options: &TraceOptions) -> Additions {
     let paths = Paths::of(options).map(|paths| Box::new(paths) as Box<dyn Addition>);
     let derivatives = Derivatives::of(options).map(|derivatives| Box::new(derivatives) as Box<dyn Addition>);
     Additions::new(paths.into_iter().chain(derivatives).collect())
 }
 
-/// The additions that options ask for, and what pays on the adapter.
+/// What a trace has beside what its options ask for.
+#[derive(Debug, Clone, Copy, Default)]
+pub enum ForAdapter<'c> {
+    /// What pays on the adapter.
+    #[default]
+    WhatPays,
+    /// Nothing: for measurements.
+    Nothing,
+    /// What these overrides say, even where that does not pay: for tests.
+    #[cfg(feature = "cpu")]
+    Forced(&'c Choices),
+    /// Never there: it holds the lifetime where there is nothing to force.
+    #[cfg(not(feature = "cpu"))]
+    #[doc(hidden)]
+    Never(std::marker::PhantomData<&'c ()>, std::convert::Infallible),
+}
+
+/// The additions that options ask for, and those for the adapter.
 #[cfg(feature = "cpu")]
-pub(crate) fn for_adapter(gpu: &Gpu, options: &TraceOptions, choices: &Choices) -> Additions {
+pub(crate) fn of(gpu: &Gpu, options: &TraceOptions, for_adapter: ForAdapter) -> Additions {
     let asked = of_options(options);
-    match Cpu::for_adapter(gpu, options, choices) {
+    let cpu = match for_adapter {
+        ForAdapter::WhatPays => Cpu::for_adapter(gpu, options, &Choices::default()),
+        ForAdapter::Nothing => None,
+        ForAdapter::Forced(overrides) => Cpu::for_adapter(gpu, options, overrides),
+    };
+    match cpu {
         Some(cpu) if !kinds(options).into_iter().any(stands_aside) => asked.and(cpu),
         _ => asked,
     }
+}
+
+/// The additions that options ask for.
+#[cfg(not(feature = "cpu"))]
+pub(crate) fn of(_gpu: &Gpu, options: &TraceOptions, _for_adapter: ForAdapter) -> Additions {
+    of_options(options)
 }
 
 #[cfg(test)]
@@ -172,7 +199,7 @@ mod tests {
         for &(one, _, together) in COMPOSITIONS.iter().filter(|(_, two, _)| *two == Kind::Cpu) {
             let mut options = TraceOptions::default();
             ask(one, &mut options);
-            let has_cpu = for_adapter(&gpu, &options, &forced).get::<Cpu>().is_some();
+            let has_cpu = of(&gpu, &options, ForAdapter::Forced(&forced)).get::<Cpu>().is_some();
             assert_eq!(has_cpu, together == Together::Yes, "{one:?}");
         }
     }

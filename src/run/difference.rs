@@ -6,6 +6,7 @@
 
 use crate::engine::budget::distribute;
 use crate::engine::options::{StandardError, TraceOptions};
+use crate::engine::pipeline_cache::Shaders;
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::model::ray_id::NUM_REPLICATES;
@@ -13,9 +14,10 @@ use crate::model::{PathFilter, SceneIr, depth};
 use crate::program::{Precision, Sampler};
 use crate::result::difference::{Pairing, Spread, with_sources_of};
 use crate::result::{DetectorTally, FluxSum, FluxUnit, RunInfo, SceneDifference, Tally};
+use crate::run::additions::ForAdapter;
 use crate::run::blocks::{Blocks, MOST_BLOCK_RAYS, notes_of_few_rays, num_blocks};
 use crate::run::precision::{self, Choice, Wanted};
-use crate::run::{Next, Run, Settled, Shelf, Status, Tracer};
+use crate::run::{Next, PipelineCache, Run, Settled, Status, Tracer};
 use crate::scene::Scene;
 use std::sync::Arc;
 use std::time::Instant;
@@ -29,7 +31,7 @@ const FIRST_STEP_RAYS: u64 = 1 << 10;
 pub struct Pair<'a> {
     a: &'a SceneIr,
     b: SceneIr,
-    shelf: Option<&'a Shelf>,
+    cache: Option<&'a PipelineCache>,
 }
 
 /// A number that is computed from what detectors record, of A less that of B.
@@ -89,12 +91,12 @@ impl<'a> Pair<'a> {
     /// # Errors
     /// [`Error::Usage`] if a source of one is lacking in the other.
     pub fn new(a: &'a SceneIr, b: SceneIr) -> Result<Self> {
-        Ok(Pair { b: with_sources_of(a, b)?, a, shelf: None })
+        Ok(Pair { b: with_sources_of(a, b)?, a, cache: None })
     }
 
     /// With compiled shaders of earlier traces, which are kept there.
-    pub fn on_shelf(self, shelf: Option<&'a Shelf>) -> Self {
-        Pair { shelf, ..self }
+    pub fn with_cache(self, cache: Option<&'a PipelineCache>) -> Self {
+        Pair { cache, ..self }
     }
 
     /// A and B.
@@ -281,10 +283,8 @@ impl<'a> Pair<'a> {
     }
 
     fn tracer<'s>(&'s self, gpu: &'s Gpu, ir: &'s SceneIr, options: &TraceOptions) -> Result<Tracer<'s>> {
-        match self.shelf {
-            Some(shelf) => Tracer::on_shelf(gpu, ir, options, shelf),
-            None => Tracer::new(gpu, ir, options),
-        }
+        let shaders = Shaders { cache: self.cache, edit: None };
+        Tracer::with(gpu, ir, options, ForAdapter::WhatPays, shaders)
     }
 
     /// Adds what each scramble of the points sums up to.

@@ -64,7 +64,7 @@ impl Run<'_> {
     ) -> Result<Differentiation<'d>> {
         let gpu = self.device()?;
         let Settled { options, info } = self.settle(&gpu)?;
-        let how = How { shelf: self.shelf, without_errors, with_edges, ..How::default() };
+        let how = How { cache: self.cache, without_errors, with_edges, ..How::default() };
         let of_edges = if with_edges { 2 * scene.num_parameters() } else { 0 };
         let num_rays = (scene.num_passes() + of_edges) * options.num_rays;
         let start = Instant::now();
@@ -81,7 +81,7 @@ impl Run<'_> {
         if with_edges && is_whole {
             let done = scene.num_passes() * options.num_rays;
             let keep_going = |rays| keep_going(done + rays);
-            match scene.add_edges(&gpu, &options, self.shelf, &mut gradients, keep_going) {
+            match scene.add_edges(&gpu, &options, self.cache, &mut gradients, keep_going) {
                 Err(Error::Interrupted) => is_whole = false,
                 added => added?,
             }
@@ -114,19 +114,19 @@ impl Run<'_> {
     ) -> Result<LossDerivatives> {
         let gpu = self.device()?;
         let options = self.settle(&gpu)?.options;
-        let how = How { shelf: self.shelf, with_edges, ..How::default() };
+        let how = How { cache: self.cache, with_edges, ..How::default() };
         let of_edges = if with_edges { 2 * scene.num_parameters() } else { 0 };
         let num_rays = options.num_rays * (1 + of_edges);
         let start = Instant::now();
         let mut keep_going = |rays| next(&Status::of_rays(rays, num_rays, start.elapsed())) == Next::GoOn;
         let gradient = scene.loss_gradient(&gpu, &options, how, adjoints, &mut keep_going)?;
         let (mut edges, mut not_confirmed) = (Vec::new(), Vec::new());
-        let (own, shelf) = (options.num_rays, self.shelf);
+        let (own, cache) = (options.num_rays, self.cache);
         if with_edges {
-            edges = scene.loss_with_edges(&gpu, &options, shelf, adjoints, |rays| keep_going(own + rays))?;
+            edges = scene.loss_with_edges(&gpu, &options, cache, adjoints, |rays| keep_going(own + rays))?;
         } else if check_edges {
             let keep_going = |_| keep_going(own);
-            not_confirmed = scene.not_confirmed(&gpu, &options, shelf, adjoints, &gradient, keep_going)?;
+            not_confirmed = scene.not_confirmed(&gpu, &options, cache, adjoints, &gradient, keep_going)?;
         }
         Ok(LossDerivatives { gradient, with_edges: edges, not_confirmed })
     }

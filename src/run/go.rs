@@ -1,11 +1,13 @@
 //! A run as it goes: device, options, precision, passes, result.
 
+use crate::engine::pipeline_cache::Shaders;
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::model::SceneIr;
 use crate::program::Precision;
 use crate::result::output::file_system_of;
 use crate::result::{Recording, RunInfo, StoppedBy, Tally, TraceResult};
+use crate::run::additions::ForAdapter;
 use crate::run::checkpoint::{self, Checkpoint, Identity};
 use crate::run::outcome::{Outcome, Saved};
 use crate::run::precision::{self, Choice, Wanted};
@@ -85,7 +87,7 @@ impl<'a> Run<'a> {
         let gpu: &Gpu = &gpu;
         // The prediction is only reported, so a second device makes it while the rays are traced.
         let is_reported = self.precision == Wanted::Exactly(Precision::F32);
-        if !is_reported || self.predicts_first || self.shelf.is_some() {
+        if !is_reported || self.predicts_first || self.cache.is_some() {
             return self.trace(gpu, self.settle(gpu)?, resumed, after_pass, || None);
         }
         let asked = Choice { precision: Precision::F32, reason: "asked for".into(), warning: None };
@@ -138,7 +140,7 @@ impl<'a> Run<'a> {
     /// The options on a device, but for the precision.
     fn options_on(&self, gpu: &Gpu) -> TraceOptions {
         let options = self.options.clone();
-        let (strict, live) = match self.shelf {
+        let (strict, live) = match self.cache {
             None => (options.strict, options.live),
             Some(_) => {
                 let strict = match options.strict {
@@ -177,12 +179,10 @@ impl<'a> Run<'a> {
         Settled { options, info }
     }
 
-    /// A tracer of a scene: with shaders of the shelf where numbers are live.
+    /// A tracer of a scene: with shaders of the cache where numbers are live.
     fn tracer<'s>(&self, gpu: &'s Gpu, ir: &'s SceneIr, options: &TraceOptions) -> Result<Tracer<'s>> {
-        match self.shelf.filter(|_| options.live) {
-            Some(shelf) => Tracer::on_shelf(gpu, ir, options, shelf),
-            None => Tracer::new(gpu, ir, options),
-        }
+        let shaders = Shaders { cache: self.cache.filter(|_| options.live), edit: None };
+        Tracer::with(gpu, ir, options, ForAdapter::WhatPays, shaders)
     }
 
     /// Traces. `predicted` gives the choice of precision if it was being predicted meanwhile.

@@ -23,8 +23,9 @@ pub mod sweep;
 mod tracer;
 
 pub use crate::engine::options::{Collect, RecordPaths, StandardError, Strict, TraceOptions};
-pub use crate::engine::shelf::Shelf;
+pub use crate::engine::pipeline_cache::{PipelineCache, Shaders};
 pub use crate::engine::wavefront::Progress;
+pub use crate::run::additions::ForAdapter;
 pub use crate::run::differentiate::{DerivativeOptions, Differentiation, LossDerivatives};
 pub use crate::run::go::{Pass, Settled};
 pub use crate::run::outcome::{Outcome, Saved, missed_target};
@@ -71,7 +72,7 @@ pub struct Run<'a> {
     precision: Wanted,
     predicts_first: bool,
     device: Device<'a>,
-    shelf: Option<&'a Shelf>,
+    cache: Option<&'a PipelineCache>,
     live: Option<bool>,
     target_error: Option<f64>,
     time_limit: Option<Duration>,
@@ -150,7 +151,7 @@ impl<'a> Run<'a> {
             precision: Wanted::Auto,
             predicts_first: false,
             device: Device::Choice(AdapterChoice::default()),
-            shelf: None,
+            cache: None,
             live: None,
             target_error: None,
             time_limit: None,
@@ -324,7 +325,7 @@ impl<'a> Run<'a> {
     /// With compiled shaders of earlier runs, which are kept there. They serve where the scene's numbers are live: in short
     /// traces, or as `live` says.
     #[must_use]
-    pub fn on_shelf(self, shelf: &'a Shelf, live: Option<bool>) -> Self {
-        Run { shelf: Some(shelf), live, ..self }
+    pub fn with_cache(self, cache: &'a PipelineCache, live: Option<bool>) -> Self {
+        Run { cache: Some(cache), live, ..self }
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu};
-use crate::run::{Run, Shelf};
+use crate::run::{PipelineCache, Run};
 
 /// A device, and compiled shaders of the runs that traced on it.
 pub struct Session {
@@ -12,7 +12,7 @@ pub struct Session {
 
 struct Opened {
     gpu: Gpu,
-    shelf: Shelf,
+    cache: PipelineCache,
 }
 
 impl Session {
@@ -31,7 +31,7 @@ impl Session {
 
     fn opened(&mut self) -> Result<&Opened> {
         if self.opened.is_none() {
-            self.opened = Some(Opened { gpu: Gpu::open(&self.choice)?, shelf: Shelf::new() });
+            self.opened = Some(Opened { gpu: Gpu::open(&self.choice)?, cache: PipelineCache::new() });
         }
         self.opened.as_ref().ok_or_else(|| Error::Internal("no device".into()))
     }
@@ -43,7 +43,7 @@ impl Session {
 
     /// The number of compiled shaders that are kept, and the bytes of their texts.
     pub fn shaders(&self) -> [usize; 2] {
-        self.opened.as_ref().map_or([0, 0], |opened| [opened.shelf.len(), opened.shelf.num_bytes()])
+        self.opened.as_ref().map_or([0, 0], |opened| [opened.cache.len(), opened.cache.num_bytes()])
     }
 
     /// The run on the session's device, with its shaders. They serve scenes whose numbers are live: those of short traces,
@@ -52,7 +52,7 @@ impl Session {
     /// # Errors
     /// As [`Session::open`].
     pub fn run<'a>(&'a mut self, run: Run<'a>, live: Option<bool>) -> Result<Run<'a>> {
-        let Opened { gpu, shelf } = self.opened()?;
-        Ok(run.on(gpu).on_shelf(shelf, live))
+        let Opened { gpu, cache } = self.opened()?;
+        Ok(run.on(gpu).with_cache(cache, live))
     }
 }

@@ -3,13 +3,13 @@
 //! [`Tracer`] holds the plain loop with what its options ask for, and with what pays on the adapter ([`additions`]).
 
 #[cfg(feature = "cpu")]
-use crate::cpu::{Choices, Cpu};
+use crate::cpu::Cpu;
 use crate::engine::addition::Additions;
 use crate::engine::limits::num_rounds;
 use crate::engine::options::TraceOptions;
-use crate::engine::prepare::{prepare, prepare_on_shelf};
+use crate::engine::pipeline_cache::Shaders;
+use crate::engine::prepare::prepare;
 use crate::engine::rounds::MOST_IN_GROUP;
-use crate::engine::shelf::Shelf;
 use crate::engine::undrained::empty_tally;
 use crate::engine::wavefront::Progress;
 use crate::engine::{Engine, wavefront};
@@ -20,7 +20,7 @@ use crate::model::{SceneIr, Sequence};
 use crate::paths::Paths;
 use crate::program::Program;
 use crate::result::{Recorded, Recording, StageTime, Tally};
-use crate::run::additions;
+use crate::run::additions::{self, ForAdapter};
 use glam::DVec3;
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
@@ -38,63 +38,25 @@ impl<'a> Tracer<'a> {
     /// [`crate::Error::Usage`] for options that make no sense, or that the device cannot do. [`crate::Error::Device`]
     /// if the scene does not fit the device.
     pub fn new(gpu: &'a Gpu, ir: &'a SceneIr, options: &TraceOptions) -> Result<Self> {
-        #[cfg(feature = "cpu")]
-        let additions = additions::for_adapter(gpu, options, &Choices::default());
-        #[cfg(not(feature = "cpu"))]
-        let additions = additions::of_options(options);
-        Self::with(gpu, ir, options, additions, |wgsl| wgsl)
+        Self::with(gpu, ir, options, ForAdapter::WhatPays, Shaders::default())
     }
 
-    /// As [`Tracer::new`], in the plain way, with the shaders of a shelf: with [`TraceOptions::live`], scenes of one shape
-    /// share a compiled shader.
+    /// As [`Tracer::new`], with shaders from elsewhere, and with other additions than what pays on the adapter. With
+    /// [`TraceOptions::live`], scenes of one shape share a compiled shader of a cache. No choice changes a bit of a result.
     ///
     /// # Errors
     /// As [`Tracer::new`].
-    pub fn on_shelf(gpu: &'a Gpu, ir: &'a SceneIr, options: &TraceOptions, shelf: &Shelf) -> Result<Self> {
-        let mut additions = additions::of_options(options);
-        Ok(Tracer { engine: prepare_on_shelf(gpu, ir, options, &mut additions, shelf)?, additions })
-    }
-
-    /// As [`Tracer::new`], in the plain way on every adapter: for measurements.
     #[doc(hidden)]
-    pub fn plain(gpu: &'a Gpu, ir: &'a SceneIr, options: &TraceOptions) -> Result<Self> {
-        Self::with(gpu, ir, options, additions::of_options(options), |wgsl| wgsl)
-    }
-
-    /// As [`Tracer::plain`]. `edit` changes the composed text: for tests that plant an error in a shader.
-    pub(crate) fn plain_edited(
+    pub fn with(
         gpu: &'a Gpu,
         ir: &'a SceneIr,
         options: &TraceOptions,
-        edit: impl FnOnce(String) -> String,
+        for_adapter: ForAdapter,
+        shaders: Shaders,
     ) -> Result<Self> {
-        Self::with(gpu, ir, options, additions::of_options(options), edit)
-    }
-
-    /// With these additions. `edit` changes the composed text.
-    pub(crate) fn with(
-        gpu: &'a Gpu,
-        ir: &'a SceneIr,
-        options: &TraceOptions,
-        mut additions: Additions,
-        edit: impl FnOnce(String) -> String,
-    ) -> Result<Self> {
-        let engine = prepare(gpu, ir, options, &mut additions, edit)?;
+        let mut additions = additions::of(gpu, options, for_adapter);
+        let engine = prepare(gpu, ir, options, &mut additions, shaders)?;
         Ok(Tracer { engine, additions })
-    }
-
-    /// As [`Tracer::new`], for tests. `edit` changes the composed text, so that a test can plant an error in a shader.
-    /// `choices` sets what the CPU backend does, even where that does not pay.
-    #[cfg(feature = "cpu")]
-    #[doc(hidden)]
-    pub fn with_choices(
-        gpu: &'a Gpu,
-        ir: &'a SceneIr,
-        options: &TraceOptions,
-        choices: &Choices,
-        edit: impl FnOnce(String) -> String,
-    ) -> Result<Self> {
-        Self::with(gpu, ir, options, additions::for_adapter(gpu, options, choices), edit)
     }
 
     /// The composed program.

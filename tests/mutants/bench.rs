@@ -9,6 +9,7 @@ use nsq_gpu::paths::maps::{PathMaps, WantedMaps, Watched, trace_maps};
 use nsq_gpu::program::Precision;
 use nsq_gpu::program::rewrite::df64;
 use nsq_gpu::result::{RunInfo, Tally, TraceResult};
+use nsq_gpu::run::{ForAdapter, Shaders};
 use nsq_gpu::{Error, Scene, TraceOptions, Tracer};
 use std::cell::Cell;
 use std::path::{Path, PathBuf};
@@ -65,10 +66,16 @@ impl Bench {
         self.mutated.get()
     }
 
+    fn tracer<'a>(&self, gpu: &'a Gpu, ir: &'a SceneIr, setting: &Setting) -> nsq_gpu::Result<Tracer<'a>> {
+        let edit = |wgsl| self.edit(wgsl);
+        let shaders = Shaders { cache: None, edit: Some(&edit) };
+        Tracer::with(gpu, ir, &setting.options, ForAdapter::Forced(&setting.choices), shaders)
+    }
+
     /// The sums of a trace. A device may refuse a mutant for no other reason than that it is no valid shader.
     pub fn tally(&self, ir: &SceneIr, setting: &Setting) -> Tally {
         let gpu = setting.gpu();
-        Tracer::with_choices(gpu, ir, &setting.options, &setting.choices, |wgsl| self.edit(wgsl))
+        self.tracer(gpu, ir, setting)
             .and_then(|mut tracer| tracer.trace(|_| true))
             .unwrap_or_else(|error: Error| panic!("{}: {error}", self.name()))
     }
@@ -77,7 +84,7 @@ impl Bench {
     /// they are, and so not found for rows that a mutant made up.
     pub fn path_tally(&self, ir: &SceneIr, setting: &Setting) -> Result<Tally, String> {
         let gpu = setting.gpu();
-        Tracer::with_choices(gpu, ir, &setting.options, &setting.choices, |wgsl| self.edit(wgsl))
+        self.tracer(gpu, ir, setting)
             .and_then(|mut tracer| tracer.trace(|_| true))
             .map_err(|error| error.to_string())
     }
@@ -104,7 +111,7 @@ impl Bench {
             })?;
             Ok(snapshots)
         };
-        Tracer::with_choices(gpu, ir, &setting.options, &setting.choices, |wgsl| self.edit(wgsl))
+        self.tracer(gpu, ir, setting)
             .and_then(trace)
             .unwrap_or_else(|error: Error| panic!("{}: {error}", self.name()))
     }

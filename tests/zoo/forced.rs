@@ -3,6 +3,7 @@
 use nsq_gpu::cpu::{Choices, When};
 use nsq_gpu::gpu::Gpu;
 use nsq_gpu::model::SceneIr;
+use nsq_gpu::run::{ForAdapter, Shaders};
 use nsq_gpu::{Result, TraceOptions, Tracer};
 use std::ops::{Deref, DerefMut};
 
@@ -28,9 +29,10 @@ pub trait Asked {
         &self,
         gpu: &'a Gpu,
         ir: &'a SceneIr,
-        edit: impl FnOnce(String) -> String,
+        edit: impl Fn(String) -> String,
     ) -> Result<Tracer<'a>> {
-        Tracer::with_choices(gpu, ir, self.trace_options(), &self.choices(), edit)
+        let shaders = Shaders { cache: None, edit: Some(&edit) };
+        Tracer::with(gpu, ir, self.trace_options(), ForAdapter::Forced(&self.choices()), shaders)
     }
 
     /// A tracer.

@@ -6,6 +6,7 @@ use crate::cpu::path::main_path::{MAX_EVENTS, PilotPath, Way, is_possible};
 use crate::cpu::path::pays::{LEAST_SHARE, is_long_enough};
 use crate::engine::addition::Additions;
 use crate::engine::options::{RecordPaths, StandardError, TraceOptions};
+use crate::engine::pipeline_cache::Shaders;
 use crate::engine::prepare::prepare;
 use crate::engine::undrained::empty_tally;
 use crate::engine::wavefront;
@@ -71,7 +72,7 @@ pub(crate) fn find(
 /// Traces the pilot's rays, in the plain way.
 fn fly(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Result<Tally> {
     let mut plain = Additions::default();
-    let mut engine = prepare(gpu, ir, options, &mut plain, |wgsl| wgsl)?;
+    let mut engine = prepare(gpu, ir, options, &mut plain, Shaders::default())?;
     wavefront::trace(&mut engine, &mut plain, empty_tally(ir), |_| Ok(true))
 }
 

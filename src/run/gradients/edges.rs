@@ -1,16 +1,18 @@
 //! What a derivative does not see: light that a change moves across an edge.
 
 use crate::engine::options::{Collect, TraceOptions};
+use crate::engine::pipeline_cache::Shaders;
 use crate::error::{Error, Result};
 use crate::format::shown;
 use crate::gpu::Gpu;
 use crate::model::{Precision, ReflectProb, SceneIr};
 use crate::result::difference::DetectorDifference;
 use crate::result::{Gradient, Tally, WithEdges};
+use crate::run::additions::ForAdapter;
 use crate::run::difference::Pair;
 use crate::run::gradients::chain::{Chain, QUANTUM};
 use crate::run::gradients::scaled::Scaled;
-use crate::run::{Shelf, Tracer};
+use crate::run::{PipelineCache, Tracer};
 
 /// Rays of a trace that looks for what crosses edges, at most.
 pub(super) const MOST_EDGE_RAYS: u64 = 10_000;
@@ -67,8 +69,8 @@ impl Ends {
     }
 
     /// The two scenes side by side.
-    fn pair<'a>(&'a self, shelf: Option<&'a Shelf>) -> Result<Pair<'a>> {
-        Ok(Pair::new(&self.more, self.less.clone())?.on_shelf(shelf))
+    fn pair<'a>(&'a self, cache: Option<&'a PipelineCache>) -> Result<Pair<'a>> {
+        Ok(Pair::new(&self.more, self.less.clone())?.with_cache(cache))
     }
 }
 
@@ -81,7 +83,7 @@ pub(super) fn add(
     parameters: &[Scaled],
     gpu: &Gpu,
     options: &TraceOptions,
-    shelf: Option<&Shelf>,
+    cache: Option<&PipelineCache>,
     gradients: &mut [Gradient],
     mut keep_going: impl FnMut(u64) -> bool,
 ) -> Result<()> {
@@ -90,7 +92,7 @@ pub(super) fn add(
         let distance = ends.distance;
         let done_before = 2 * number * options.num_rays;
         let keep_going = |done: [u64; 2]| keep_going(done_before + done.iter().sum::<u64>());
-        let found = ends.pair(shelf)?.difference(gpu, options, keep_going)?;
+        let found = ends.pair(cache)?.difference(gpu, options, keep_going)?;
         if found.run.partial {
             return Err(Error::Interrupted);
         }
@@ -117,7 +119,7 @@ pub(super) fn of_loss(
     parameters: &[Scaled],
     gpu: &Gpu,
     options: &TraceOptions,
-    shelf: Option<&Shelf>,
+    cache: Option<&PipelineCache>,
     adjoints: &[Vec<f64>],
     is_check: bool,
     mut keep_going: impl FnMut(u64) -> bool,
@@ -126,7 +128,7 @@ pub(super) fn of_loss(
         let ends = if is_check { Ends::wide(scaled) } else { Ends::of(scaled) };
         let done_before = 2 * number * options.num_rays;
         let keep_going = |done: [u64; 2]| keep_going(done_before + done.iter().sum::<u64>());
-        let found = ends.pair(shelf)?.loss_difference(gpu, options, adjoints, keep_going)?;
+        let found = ends.pair(cache)?.loss_difference(gpu, options, adjoints, keep_going)?;
         Ok(LossWithEdges {
             value: found.difference / ends.distance,
             standard_error: found.standard_error.map(|error| error / ends.distance.abs()),
@@ -140,7 +142,7 @@ pub(super) fn of_loss(
 pub(super) fn check(
     gpu: &Gpu,
     options: &TraceOptions,
-    shelf: Option<&Shelf>,
+    cache: Option<&PipelineCache>,
     scaled: &Scaled,
     change: impl Fn(&mut dyn Iterator<Item = (usize, usize, f64)>) -> f64,
 ) -> Result<()> {
@@ -150,10 +152,8 @@ pub(super) fn check(
         ..options.clone()
     };
     let traced = |ir: &SceneIr| -> Result<Tally> {
-        match shelf {
-            Some(shelf) => Tracer::on_shelf(gpu, ir, &options, shelf)?.trace(|_| true),
-            None => Tracer::new(gpu, ir, &options)?.trace(|_| true),
-        }
+        let shaders = Shaders { cache, edit: None };
+        Tracer::with(gpu, ir, &options, ForAdapter::WhatPays, shaders)?.trace(|_| true)
     };
     let [more, less] = scaled.farthest();
     // A quantum is a share of all flux, which the parameter may change.
@@ -184,14 +184,14 @@ pub(super) fn check_maps(
     ir: &SceneIr,
     gpu: &Gpu,
     options: &TraceOptions,
-    shelf: Option<&Shelf>,
+    cache: Option<&PipelineCache>,
     parameters: &[Scaled],
     sums: &Tally,
 ) -> Result<()> {
     for (number, scaled) in parameters.iter().enumerate() {
         let is_dark = light_moved(sums, number) <= rounding(options.precision);
         if is_dark && Chain::of(ir, scaled, options.num_rays)?.is_constant() {
-            check(gpu, options, shelf, scaled, |changes| changes.map(|(.., change)| change.abs()).sum())?;
+            check(gpu, options, cache, scaled, |changes| changes.map(|(.., change)| change.abs()).sum())?;
         }
     }
     Ok(())

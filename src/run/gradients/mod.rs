@@ -14,7 +14,7 @@ pub use crate::run::gradients::edges::LossWithEdges;
 use crate::derivatives::jacobian::ProgramNumbers;
 use crate::derivatives::walk::Walker;
 use crate::engine::options::{Collect, RecordPaths, StandardError, TraceOptions};
-use crate::engine::retrace::Source;
+use crate::engine::pipeline_cache::Shaders;
 use crate::error::{Error, Result};
 use crate::format::shown;
 use crate::gpu::Gpu;
@@ -24,11 +24,12 @@ use crate::program::layout::bindings;
 use crate::program::rewrite::jvp::{Parameter, Tangents};
 use crate::result::difference::Spread;
 use crate::result::{Gradient, Tally};
+use crate::run::additions::ForAdapter;
 use crate::run::blocks::{Blocks, notes_of_few_rays, num_blocks};
 use crate::run::gradients::chain::{Chain, sizes};
 use crate::run::gradients::edges::{MOST_EDGE_RAYS, rounding};
 use crate::run::gradients::scaled::{Scaled, allowance, unquoted};
-use crate::run::{Shelf, Tracer};
+use crate::run::{PipelineCache, Tracer};
 use crate::scene::Scene;
 use ndarray::ArrayD;
 use std::path::Path;
@@ -71,7 +72,7 @@ pub struct LossGradient {
 #[derive(Clone, Copy, Default)]
 pub struct How<'a> {
     /// Compiled shaders of earlier traces.
-    pub shelf: Option<&'a Shelf>,
+    pub cache: Option<&'a PipelineCache>,
     /// No standard errors, which short traces spend most of their time on.
     pub without_errors: bool,
     /// A parameter may act at edges alone, such as where [`Differentiated::add_edges`] follows.
@@ -191,9 +192,9 @@ impl Differentiated {
         mut keep_going: impl FnMut(u64) -> bool,
     ) -> Result<(Vec<Gradient>, Tally)> {
         let options = self.traced_options(options);
-        let own = Shelf::new();
-        let shelf = how.shelf.or_else(|| how.edit.is_none().then_some(&own));
-        let how = How { shelf, ..how };
+        let own = PipelineCache::new();
+        let cache = how.cache.or_else(|| how.edit.is_none().then_some(&own));
+        let how = How { cache, ..how };
         let (mut found, mut sums, mut done_before) = (Vec::new(), None, 0);
         for parameters in self.parameters.chunks(MOST_PARAMETERS) {
             let (is_checked, is_long) = (!how.with_edges, options.num_rays > MOST_UNCHECKED_RAYS);
@@ -202,7 +203,7 @@ impl Differentiated {
                 let few = TraceOptions { num_rays: MOST_EDGE_RAYS, ..options.clone() };
                 let how = How { without_errors: true, ..how };
                 let sums = self.pass(gpu, &few, how, parameters, |_| true)?.1;
-                edges::check_maps(&self.ir, gpu, &few, how.shelf, parameters, &sums)?;
+                edges::check_maps(&self.ir, gpu, &few, how.cache, parameters, &sums)?;
             }
             let of_pass = self.pass(gpu, &options, how, parameters, |done| keep_going(done_before + done));
             let of_pass = match of_pass {
@@ -215,7 +216,7 @@ impl Differentiated {
             }
             done_before += options.num_rays;
             if is_checked && !is_long {
-                edges::check_maps(&self.ir, gpu, &options, how.shelf, parameters, &of_pass.1)?;
+                edges::check_maps(&self.ir, gpu, &options, how.cache, parameters, &of_pass.1)?;
             }
             found.extend(of_pass.0);
             sums = sums.or(Some(of_pass.1));
@@ -291,7 +292,7 @@ impl Differentiated {
         let least = self.least(options.precision, adjoints);
         for (scaled, value) in self.parameters.iter().zip(&found.values) {
             if !how.with_edges && largest > 0.0 && (value * scaled.size).abs() <= least {
-                edges::check(gpu, &options, how.shelf, scaled, |changes| {
+                edges::check(gpu, &options, how.cache, scaled, |changes| {
                     changes.map(|(detector, cell, change)| adjoints[detector][cell] / largest * change).sum()
                 })?;
             }
@@ -326,7 +327,7 @@ impl Differentiated {
         found: &mut LossGradient,
         keep_going: &mut dyn FnMut(u64) -> bool,
     ) -> Result<Vec<usize>> {
-        let walker = Walker::new(gpu, &self.ir, options, Source { shelf: how.shelf, edit: how.edit })?;
+        let walker = Walker::new(gpu, &self.ir, options, Shaders { cache: how.cache, edit: how.edit })?;
         let plan = &walker.again.plan;
         let program = &plan.program;
         let cells = &program.cells;
@@ -436,11 +437,8 @@ impl Differentiated {
         let tangents =
             Tangents { parameters: parameters.iter().map(|scaled| scaled.parameter.clone()).collect() };
         let options = &TraceOptions { collect: Collect::Tangents(Arc::new(tangents)), ..options.clone() };
-        let mut tracer = match (how.shelf, how.edit) {
-            (Some(shelf), _) => Tracer::on_shelf(gpu, ir, options, shelf)?,
-            (None, Some(edit)) => Tracer::plain_edited(gpu, ir, options, edit)?,
-            (None, None) => Tracer::new(gpu, ir, options)?,
-        };
+        let shaders = Shaders { cache: how.cache, edit: how.edit };
+        let mut tracer = Tracer::with(gpu, ir, options, ForAdapter::WhatPays, shaders)?;
         let num_rays = tracer.num_rays();
         let least = if how.without_errors { 1 } else { NUM_BLOCKS };
         let num_blocks = num_blocks(num_rays, least);

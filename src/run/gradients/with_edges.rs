@@ -4,7 +4,7 @@ use crate::engine::options::TraceOptions;
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::result::Gradient;
-use crate::run::Shelf;
+use crate::run::PipelineCache;
 use crate::run::gradients::edges::{self, LossWithEdges, MOST_CHECK_RAYS};
 use crate::run::gradients::scaled::Scaled;
 use crate::run::gradients::{Differentiated, LossGradient};
@@ -19,11 +19,11 @@ impl Differentiated {
         &self,
         gpu: &Gpu,
         options: &TraceOptions,
-        shelf: Option<&Shelf>,
+        cache: Option<&PipelineCache>,
         gradients: &mut [Gradient],
         keep_going: impl FnMut(u64) -> bool,
     ) -> Result<()> {
-        edges::add(&self.parameters, gpu, &self.edge_options(options, shelf), shelf, gradients, keep_going)
+        edges::add(&self.parameters, gpu, &self.edge_options(options, cache), cache, gradients, keep_going)
     }
 
     /// The derivatives of a loss by differences of two traces, as [`Differentiated::add_edges`]; `adjoints` are those of
@@ -35,13 +35,13 @@ impl Differentiated {
         &self,
         gpu: &Gpu,
         options: &TraceOptions,
-        shelf: Option<&Shelf>,
+        cache: Option<&PipelineCache>,
         adjoints: &[Vec<f64>],
         keep_going: impl FnMut(u64) -> bool,
     ) -> Result<Vec<LossWithEdges>> {
         self.check_adjoints(adjoints)?;
-        let options = self.edge_options(options, shelf);
-        edges::of_loss(&self.parameters, gpu, &options, shelf, adjoints, false, keep_going)
+        let options = self.edge_options(options, cache);
+        edges::of_loss(&self.parameters, gpu, &options, cache, adjoints, false, keep_going)
     }
 
     /// Derivatives of a loss that a short difference of two traces does not confirm, by the numbers of their parameters: light
@@ -53,15 +53,15 @@ impl Differentiated {
         &self,
         gpu: &Gpu,
         options: &TraceOptions,
-        shelf: Option<&Shelf>,
+        cache: Option<&PipelineCache>,
         adjoints: &[Vec<f64>],
         found: &LossGradient,
         keep_going: impl FnMut(u64) -> bool,
     ) -> Result<Vec<(usize, LossWithEdges)>> {
         let num_rays = options.num_rays.min(MOST_CHECK_RAYS);
         let few =
-            TraceOptions { num_rays, of_rays: Some(options.budget()), ..self.edge_options(options, shelf) };
-        let with_edges = edges::of_loss(&self.parameters, gpu, &few, shelf, adjoints, true, keep_going)?;
+            TraceOptions { num_rays, of_rays: Some(options.budget()), ..self.edge_options(options, cache) };
+        let with_edges = edges::of_loss(&self.parameters, gpu, &few, cache, adjoints, true, keep_going)?;
         let least = self.least(options.precision, adjoints);
         let all = with_edges.into_iter().zip(&found.values).zip(&self.parameters).enumerate();
         let is_apart = |(number, ((edges, value), scaled)): (usize, ((LossWithEdges, &f64), &Scaled))| {
@@ -72,7 +72,7 @@ impl Differentiated {
     }
 
     /// Options of two traces that are compared: with live numbers where compiled shaders are kept.
-    fn edge_options(&self, options: &TraceOptions, shelf: Option<&Shelf>) -> TraceOptions {
-        TraceOptions { live: shelf.is_some(), ..self.traced_options(options) }
+    fn edge_options(&self, options: &TraceOptions, cache: Option<&PipelineCache>) -> TraceOptions {
+        TraceOptions { live: cache.is_some(), ..self.traced_options(options) }
     }
 }

@@ -11,7 +11,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// Compiled shaders by their text, for one device. The shaders that were used last are kept.
 #[derive(Default)]
-pub struct Shelf {
+pub struct PipelineCache {
     /// The one used last stands at the end.
     shaders: Mutex<Vec<Shader>>,
 }
@@ -22,14 +22,53 @@ struct Shader {
     stages: [Option<Arc<Stages>>; 2],
 }
 
-/// Most shaders that a shelf keeps.
+/// Where the shaders of a trace come from.
+#[derive(Clone, Copy, Default)]
+pub struct Shaders<'s> {
+    /// Compiled shaders of earlier traces, to which those of this one are added.
+    pub cache: Option<&'s PipelineCache>,
+    /// Changes the composed text, and keeps nothing: for tests that must notice a wrong shader.
+    pub edit: Option<&'s dyn Fn(String) -> String>,
+}
+
+impl Shaders<'_> {
+    /// The module of a text.
+    pub(crate) fn parsed(
+        self,
+        wgsl: String,
+        precision: Precision,
+        additions: &ShaderAdditions,
+    ) -> Result<Arc<Parsed>> {
+        match (self.edit, self.cache) {
+            (Some(edit), _) => Parsed::of(edit(wgsl), precision, additions).map(Arc::new),
+            (None, Some(cache)) => cache.parsed(wgsl, precision, additions),
+            (None, None) => Parsed::of(wgsl, precision, additions).map(Arc::new),
+        }
+    }
+
+    /// The stages of a program, with those that additions bring.
+    pub(crate) fn stages(
+        self,
+        gpu: &Gpu,
+        program: &Program,
+        strict: bool,
+        extra: &ExtraBindings,
+    ) -> Result<Arc<Stages>> {
+        match self.cache.filter(|_| self.edit.is_none() && extra.stages.is_empty()) {
+            Some(cache) => cache.stages(gpu, program, strict),
+            None => Stages::new(gpu, program, strict, extra).map(Arc::new),
+        }
+    }
+}
+
+/// Most shaders that a cache keeps.
 const MOST_SHADERS: usize = 32;
 /// Most bytes of their texts. Parsed and compiled, a shader takes up to a hundred times the memory of its text on
-/// lavapipe; so a shelf takes some 500 MB at most.
+/// lavapipe; so a cache takes some 500 MB at most.
 const MOST_BYTES: usize = 5 << 20;
 
-impl Shelf {
-    /// An empty shelf.
+impl PipelineCache {
+    /// An empty cache.
     pub fn new() -> Self {
         Self::default()
     }
@@ -54,12 +93,7 @@ impl Shelf {
     }
 
     /// The module of a text, parsed now if it was not before.
-    pub(crate) fn parsed(
-        &self,
-        wgsl: String,
-        precision: Precision,
-        additions: &ShaderAdditions,
-    ) -> Result<Arc<Parsed>> {
+    fn parsed(&self, wgsl: String, precision: Precision, additions: &ShaderAdditions) -> Result<Arc<Parsed>> {
         let mut shaders = self.lock();
         let shader = match shaders.iter().position(|shader| shader.parsed.wgsl == wgsl) {
             Some(at) => shaders.remove(at),
@@ -75,7 +109,7 @@ impl Shelf {
     }
 
     /// The stages of a program whose additions bring none, compiled now if they were not before.
-    pub(crate) fn stages(&self, gpu: &Gpu, program: &Program, strict: bool) -> Result<Arc<Stages>> {
+    fn stages(&self, gpu: &Gpu, program: &Program, strict: bool) -> Result<Arc<Stages>> {
         let compile = || Stages::new(gpu, program, strict, &ExtraBindings::default()).map(Arc::new);
         let mut shaders = self.lock();
         let shader = shaders.iter_mut().find(|shader| Arc::ptr_eq(&shader.parsed, &program.parsed));
