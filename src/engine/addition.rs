@@ -192,19 +192,19 @@ impl Additions {
         Ok(all)
     }
 
-    /// As [`Addition::set_seed`].
-    pub(crate) fn set_seed(&mut self, seed: u64) {
-        self.0.iter_mut().for_each(|addition| addition.set_seed(seed));
+    /// Each of them, in their order.
+    pub(crate) fn all_mut(&mut self) -> impl Iterator<Item = &mut dyn Addition> {
+        self.0.iter_mut().map(|addition| addition.as_mut() as &mut dyn Addition)
     }
 
-    /// As [`Addition::discard`].
-    pub(crate) fn discard(&mut self) {
-        self.0.iter_mut().for_each(|addition| addition.discard());
+    /// Calls a method of each, in their order.
+    pub(crate) fn each(&mut self, work: impl FnMut(&mut dyn Addition) -> Result<()>) -> Result<()> {
+        self.all_mut().try_for_each(work)
     }
 
-    /// As [`Addition::begin`].
-    pub(crate) fn begin(&mut self, engine: &mut Engine, tally: &mut Tally) -> Result<()> {
-        self.0.iter_mut().try_for_each(|addition| addition.begin(engine, tally))
+    /// True if one of them says so.
+    pub(crate) fn any(&self, says: impl Fn(&dyn Addition) -> bool) -> bool {
+        self.0.iter().any(|addition| says(addition.as_ref()))
     }
 
     /// As [`Addition::range_rays`].
@@ -222,54 +222,9 @@ impl Additions {
         engine.submit(range)
     }
 
-    /// As [`Addition::keeps_busy`].
-    pub(crate) fn keeps_busy(&self) -> bool {
-        self.0.iter().any(|addition| addition.keeps_busy())
-    }
-
-    /// As [`Addition::after_pass`].
-    pub(crate) fn after_pass(&mut self, engine: &mut Engine) -> Result<()> {
-        self.0.iter_mut().try_for_each(|addition| addition.after_pass(engine))
-    }
-
-    /// As [`Addition::is_full`].
-    pub(crate) fn is_full(&self) -> bool {
-        self.0.iter().any(|addition| addition.is_full())
-    }
-
-    /// As [`Addition::look_ahead`].
-    pub(crate) fn look_ahead(
-        &mut self,
-        engine: &mut Engine,
-        rays_left: u64,
-        seconds_left: Option<f64>,
-    ) -> Result<()> {
-        self.0.iter_mut().try_for_each(|addition| addition.look_ahead(engine, rays_left, seconds_left))
-    }
-
-    /// As [`Addition::settle`].
-    pub(crate) fn settle(&mut self, engine: &mut Engine) -> Result<()> {
-        self.0.iter_mut().try_for_each(|addition| addition.settle(engine))
-    }
-
-    /// As [`Addition::drain`].
-    pub(crate) fn drain(&mut self, engine: &mut Engine, tally: &mut Tally) -> Result<()> {
-        self.0.iter_mut().try_for_each(|addition| addition.drain(engine, tally))
-    }
-
-    /// As [`Addition::finish`].
-    pub(crate) fn finish(&mut self, engine: &mut Engine, tally: &mut Tally) -> Result<()> {
-        self.0.iter_mut().try_for_each(|addition| addition.finish(engine, tally))
-    }
-
     /// As [`Addition::devices`].
     pub(crate) fn devices(&self) -> impl Iterator<Item = &DeviceState> {
         self.0.iter().flat_map(|addition| addition.devices())
-    }
-
-    /// As [`Addition::keep_one_device`].
-    pub(crate) fn keep_one_device(&mut self) {
-        self.0.iter_mut().for_each(|addition| addition.keep_one_device());
     }
 }
 

@@ -13,7 +13,7 @@ use crate::result::Tally;
 /// Adds all sums since the last drain to a tally, and clears them.
 pub(crate) fn drain(engine: &mut Engine, additions: &mut Additions, tally: &mut Tally) -> Result<()> {
     drain_devices(engine, additions, tally)?;
-    additions.drain(engine, tally)?;
+    additions.each(|addition| addition.drain(engine, tally))?;
     let Undrained { launched, rays, .. } = std::mem::take(&mut engine.undrained);
     tally.launched += launched;
     tally.rays += &rays;
@@ -23,7 +23,7 @@ pub(crate) fn drain(engine: &mut Engine, additions: &mut Additions, tally: &mut 
 
 /// Adds the sums of the devices to a tally, and clears them.
 fn drain_devices(engine: &mut Engine, additions: &mut Additions, tally: &mut Tally) -> Result<()> {
-    additions.settle(engine)?;
+    additions.each(|addition| addition.settle(engine))?;
     engine.check_loops(additions)?;
     for device in engine.devices(additions) {
         // Each device has an readback of its own. Bits of reached primitives do not add up, and each device reports its
@@ -40,7 +40,7 @@ fn drain_devices(engine: &mut Engine, additions: &mut Additions, tally: &mut Tal
 
 /// Discards what an earlier trace left that failed half-route.
 pub(crate) fn discard(engine: &mut Engine, additions: &mut Additions) -> Result<()> {
-    additions.discard();
+    additions.all_mut().for_each(|addition| addition.discard());
     if engine.undrained.counts > 0 {
         let nothing = &mut empty_tally(engine.ir);
         drain_devices(engine, additions, nothing)?;

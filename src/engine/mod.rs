@@ -125,7 +125,7 @@ impl<'a> Engine<'a> {
         self.plan.options.seed = seed;
         self.plan.program.set_seed(seed);
         self.devices(additions).for_each(|device| device.set_draws(&self.plan.program.rng_table));
-        additions.set_seed(seed);
+        additions.all_mut().for_each(|addition| addition.set_seed(seed));
     }
 
     /// The engine's device, and those that additions have opened.

@@ -6,7 +6,7 @@
 //! checkpoints are callers of the loop. After each pass they may ask for the sums so far ([`Progress`]).
 
 use crate::engine::Engine;
-use crate::engine::addition::Additions;
+use crate::engine::addition::{Addition, Additions};
 use crate::engine::drain::{discard, drain};
 use crate::engine::pace::Pace;
 use crate::error::Result;
@@ -26,7 +26,7 @@ pub(crate) fn trace<'a>(
     let mut at = engine.plan.position_after(&begun)?;
     check_shape(engine.ir, &begun)?;
     let (mut tally, num_rays) = (begun, engine.plan.num_rays);
-    additions.begin(engine, &mut tally)?;
+    additions.each(|addition| addition.begin(engine, &mut tally))?;
     let mut pass_rays = u64::from(additions.range_rays(engine));
     let mut pace = Pace::default();
     let start = Instant::now();
@@ -39,7 +39,7 @@ pub(crate) fn trace<'a>(
             pass_rays = engine.next_pass_rays(additions.range_rays(engine), end - at, time);
         }
         at = end;
-        if engine.may_overflow(pass_rays) || additions.is_full() {
+        if engine.may_overflow(pass_rays) || additions.any(Addition::is_full) {
             drain(engine, additions, &mut tally)?;
         }
         let (done, elapsed) = (engine.plan.done(at), start.elapsed());
@@ -48,11 +48,12 @@ pub(crate) fn trace<'a>(
         if !keep_going(&mut progress)? {
             break;
         }
-        additions.look_ahead(engine, num_rays - at, pace.seconds_for(num_rays - at))?;
+        let (left, seconds_left) = (num_rays - at, pace.seconds_for(num_rays - at));
+        additions.each(|addition| addition.look_ahead(engine, left, seconds_left))?;
     }
     drain(engine, additions, &mut tally)?;
     if at >= num_rays {
-        additions.finish(engine, &mut tally)?;
+        additions.each(|addition| addition.finish(engine, &mut tally))?;
     }
     if engine.plan.rays.len() > 1 {
         tally.sort_rows(engine.ir);
@@ -70,14 +71,14 @@ fn trace_pass(engine: &mut Engine, additions: &mut Additions, first: u64, end: u
         engine.undrained.launch(&engine.plan, range);
         engine.rows.fetch(&engine.device, &engine.plan, range)?;
     }
-    if !additions.keeps_busy() {
+    if !additions.any(Addition::keeps_busy) {
         engine.wait_for_pass(end - first, ranges.len(), start)?;
     }
     // Shaders need not mark primitives that are known to be reached. Drivers may cut long loops, which must not pass.
     if engine.undrained.should_ask_after_pass() {
         engine.learn_reached(additions)?;
         engine.check_loops(additions)?;
-        additions.after_pass(engine)?;
+        additions.each(|addition| addition.after_pass(engine))?;
     }
     Ok(start.elapsed())
 }

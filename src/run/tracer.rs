@@ -109,7 +109,7 @@ impl<'a> Tracer<'a> {
         let num_rounds = num_rounds(&self.engine.plan.program).min(MOST_IN_GROUP);
         let num_stages = 2 * num_rounds as u64;
         self.engine.profile = Some(Profile::new(self.engine.gpu, num_stages)?);
-        self.additions.keep_one_device();
+        self.additions.all_mut().for_each(|addition| addition.keep_one_device());
         Ok(())
     }
 
