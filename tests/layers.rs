@@ -242,7 +242,7 @@ fn a_wrong_import_is_noticed() {
         imports
     };
     let found = upstream(&with("gpu::compute", "\nuse crate::Tracer;"));
-    assert!(found.contains(&"gpu::compute imports trace".to_string()), "{found:?}");
+    assert!(found.contains(&"gpu::compute imports run::tracer".to_string()), "{found:?}");
     let found = upstream(&with("model::mesh", "\nfn planted() { crate::scene::Scene::from_json(\"\"); }"));
     assert!(found.contains(&"model::mesh imports scene".to_string()), "{found:?}");
     let found = circles(&with("error", "\nuse crate::folders;\nuse crate::gpu::adapter;"));

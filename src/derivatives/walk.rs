@@ -11,7 +11,7 @@ use crate::engine::stages::ExtraBindings;
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::model::{Precision, SceneIr};
-use crate::paths::Paths;
+use crate::paths::followed::FollowedPaths;
 use crate::program::RayRange;
 use crate::program::addition::ProgramAddition;
 use crate::program::layout::bindings;
@@ -59,7 +59,7 @@ impl<'a> Walker<'a> {
     /// [`Error::NoWayBack`] if the scene has something through which there is no reverse pass.
     pub(crate) fn new(gpu: &'a Gpu, ir: &SceneIr, options: &TraceOptions, shaders: Shaders) -> Result<Self> {
         let options = TraceOptions { collect: Collect::Adjoints, ..options.clone() };
-        let filter = Paths::of(&options).map(Additions::one).unwrap_or_default();
+        let filter = FollowedPaths::of(&options).map(Additions::one).unwrap_or_default();
         let again = Retrace::new(gpu, ir, &options, filter.and(Derivatives::Adjoints), shaders)?;
         let first = composed_in_f64(ir, &options, &again.plan.program, &again.additions.of_program())?;
         let layout = Layout::of(&first.parsed.module, Scalar::F64);

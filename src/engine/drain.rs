@@ -25,7 +25,7 @@ pub(crate) fn drain(engine: &mut Engine, additions: &mut Additions, tally: &mut 
 fn drain_devices(engine: &mut Engine, additions: &mut Additions, tally: &mut Tally) -> Result<()> {
     additions.each(|addition| addition.settle(engine))?;
     engine.check_loops(additions)?;
-    for device in engine.devices(additions) {
+    for device in engine.devices(additions.devices()) {
         // Each device has an readback of its own. Bits of reached primitives do not add up, and each device reports its
         // own overflow.
         let mut readback = engine.readback(tally);
@@ -77,7 +77,7 @@ impl Engine<'_> {
         {
             return Ok(());
         }
-        for device in self.devices(additions) {
+        for device in self.devices(additions.devices()) {
             reached |= device.counters.read_word(&device.gpu, cells.reached)?;
         }
         self.undrained.reached = reached;
@@ -91,7 +91,7 @@ impl Engine<'_> {
             return Ok(());
         }
         let mut were_cut = false;
-        for device in self.devices(additions) {
+        for device in self.devices(additions.devices()) {
             were_cut |= device.take_cut_loops()?;
         }
         if !were_cut {

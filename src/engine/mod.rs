@@ -42,7 +42,6 @@ pub mod tuning;
 pub mod undrained;
 pub mod wavefront;
 
-use crate::engine::addition::Additions;
 use crate::engine::device::DeviceState;
 use crate::engine::dispatch_size::{DispatchSize, PASS_TIME};
 use crate::engine::limits::MAX_COUNTS_UNDRAINED;
@@ -120,16 +119,11 @@ impl<'a> Engine<'a> {
         }
     }
 
-    /// Sets the seed of the draws from now on, on all devices. Nothing is compiled anew.
-    pub(crate) fn set_seed(&mut self, additions: &mut Additions, seed: u64) {
-        self.plan.options.seed = seed;
-        self.plan.program.set_seed(seed);
-        self.devices(additions).for_each(|device| device.set_draws(&self.plan.program.rng_table));
-        additions.all_mut().for_each(|addition| addition.set_seed(seed));
-    }
-
-    /// The engine's device, and those that additions have opened.
-    fn devices<'d>(&'d self, additions: &'d Additions) -> impl Iterator<Item = &'d DeviceState> {
-        std::iter::once(&self.device).chain(additions.devices())
+    /// The engine's device, and others.
+    fn devices<'d>(
+        &'d self,
+        others: impl Iterator<Item = &'d DeviceState>,
+    ) -> impl Iterator<Item = &'d DeviceState> {
+        std::iter::once(&self.device).chain(others)
     }
 }

@@ -3,14 +3,12 @@
 //! Sources take turns: each pass takes the same share of every source's rays. So the rays done at any moment are a fair
 //! sample of the scene. A position counts the rays of all sources, from 0 to their number.
 
-use crate::engine::addition::Additions;
-use crate::engine::budget::{SourceRays, distribute, part};
+use crate::engine::budget::SourceRays;
 use crate::engine::device::DeviceState;
 use crate::engine::dispatch_size::DispatchSize;
-use crate::engine::limits::{DispatchLimits, check_families, counts_per_ray};
+use crate::engine::limits::{DispatchLimits, counts_per_ray};
 use crate::engine::moments::MomentSource;
-use crate::engine::options::{TraceOptions, check_options};
-use crate::engine::pipeline_cache::Shaders;
+use crate::engine::options::TraceOptions;
 use crate::engine::readback::Counted;
 use crate::engine::stages::{ExtraBindings, Stages};
 use crate::error::{Error, Result};
@@ -31,7 +29,7 @@ pub(crate) struct TracePlan {
     /// The number of rays of all sources.
     pub(crate) num_rays: u64,
     pub(crate) moments: MomentSource,
-    limits: DispatchLimits,
+    pub(super) limits: DispatchLimits,
     /// Most rays of a dispatch; buffers are made for this number.
     pub(crate) batch: u32,
 }
@@ -42,44 +40,12 @@ const UNIFORM_BYTES: u32 = 1 << 16;
 /// Up to so many primitives are searched one after the other where numbers are live.
 const MOST_LIVE_IN_TURN: usize = 256;
 
-fn roulette_threshold(ir: &SceneIr, options: &TraceOptions) -> f64 {
+pub(super) fn roulette_threshold(ir: &SceneIr, options: &TraceOptions) -> f64 {
     options.min_flux_fraction.max(ir.sampling.rr_start_flux)
 }
 
-impl TracePlan {
-    /// Shares out the rays, and composes the program.
-    pub(crate) fn new(
-        gpu: &Gpu,
-        ir: &SceneIr,
-        options: &TraceOptions,
-        additions: &mut Additions,
-        shaders: Shaders,
-    ) -> Result<Self> {
-        check_options(gpu, options)?;
-        let rays = part(distribute(ir, options.budget(), options.shares.as_deref())?, options)?;
-        let weights: Vec<f64> = rays.iter().map(|rays| rays.weight).collect();
-        let moments = MomentSource::of(ir, options, &weights, roulette_threshold(ir, options));
-        let mut program = plain(gpu, ir, options, weights, moments);
-        additions.specialise(gpu, ir, options, &mut program)?;
-        let parse = |wgsl, precision, of_additions: &_| shaders.parsed(wgsl, precision, of_additions);
-        let mut program = Program::parsed_by(ir, program, &additions.of_program(), options.seed, parse)?;
-        additions.pack(ir, options, &mut program)?;
-        check_families(&program, options)?;
-        let limits = additions.limits(&program);
-        Ok(TracePlan {
-            num_rays: rays.iter().map(|rays| rays.count).sum(),
-            rays,
-            moments,
-            batch: limits.batch(gpu, &program, options),
-            options: options.clone(),
-            limits,
-            program,
-        })
-    }
-}
-
-/// How the program is composed in the plain route.
-fn plain(
+/// How the program is composed without additions.
+pub(super) fn plain(
     gpu: &Gpu,
     ir: &SceneIr,
     options: &TraceOptions,

@@ -15,7 +15,7 @@ use crate::engine::undrained::empty_tally;
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::model::{SceneIr, Sequence};
-use crate::paths::Paths;
+use crate::paths::followed::FollowedPaths;
 use crate::paths::layout::{self, PathTableSize};
 use crate::paths::wgsl::PathShader;
 use crate::program::RayRange;
@@ -72,7 +72,7 @@ pub fn trace_maps(
 ) -> Result<PathMaps> {
     let WantedMaps { rays, watched, num_maps } = *wanted;
     let options = TraceOptions { collect: Collect::PathMaps(num_maps.max(1)), ..options.clone() };
-    let additions = Paths::of(&options).map(Additions::one).unwrap_or_default();
+    let additions = FollowedPaths::of(&options).map(Additions::one).unwrap_or_default();
     let again = Retrace::new(gpu, ir, &options, additions, Shaders { cache: None, edit })?;
     let plan = &again.plan;
     let table = Watch::of(gpu, plan, watched)?;

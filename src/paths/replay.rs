@@ -12,7 +12,7 @@ use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::model::sequence::{End, Sequence, SequenceKey, Step};
 use crate::model::{SceneIr, ray_id};
-use crate::paths::Paths;
+use crate::paths::followed::FollowedPaths;
 use crate::paths::layout::Slot;
 use crate::program::layout::bindings;
 use crate::program::{RayRange, events};
@@ -56,7 +56,7 @@ impl PathReplay {
         let ends = matches!(options.collect, Collect::Paths { ends: true, .. });
         let collect = Collect::Events { ends };
         let options = TraceOptions { collect, batch_size: Some(MOST_LISTED), ..options.clone() };
-        let additions = Paths::of(&options).map(Additions::one).unwrap_or_default();
+        let additions = FollowedPaths::of(&options).map(Additions::one).unwrap_or_default();
         let again = Retrace::new(gpu, ir, &options, additions, Shaders::default())?;
         let ids = gpu.buffer("listed rays", u64::from(again.plan.batch) * 16)?;
         let device = again.open(gpu, &ExtraBindings::of([(bindings::LISTED_IDS, ids.clone())]))?;

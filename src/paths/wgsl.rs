@@ -3,8 +3,8 @@
 use crate::error::{Error, Result};
 use crate::model::path_filter::{Count, Events, Mark, Part, Pattern, Term};
 use crate::model::{PathFilter, StepKind};
-use crate::paths::PathSums;
 use crate::paths::layout::PathTableLayout;
+use crate::paths::sums::PathSums;
 use crate::program::Program;
 use crate::program::addition::ShaderAddition;
 use crate::program::input::ProgramInput;

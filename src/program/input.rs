@@ -3,7 +3,6 @@
 use crate::error::Result;
 use crate::model::primitives::primitives;
 use crate::model::{SceneIr, ray_id};
-use crate::program::addition::ProgramAddition;
 use crate::program::features::Features;
 use crate::program::geometry::contact::Contacts;
 use crate::program::geometry::{bvh, mesh, tree};
@@ -44,25 +43,31 @@ pub struct ProgramInput<'a> {
     pub constant_weights: bool,
 }
 
+/// What additions change.
+pub struct Changes<'c> {
+    /// Changes how the program is specialised, now that the features of the scene are known.
+    pub prepare: &'c dyn Fn(&Features, &mut ProgramOptions),
+    /// Adds cells.
+    pub cells: &'c dyn Fn(Cells) -> Result<Cells>,
+    /// Weights are summed even where a count of rays would give their sum.
+    pub sums_weights: bool,
+}
+
 impl<'a> ProgramInput<'a> {
     /// Prepares a scene.
     ///
     /// # Errors
     /// [`crate::Error::Usage`] if there are too many cells to number, or the precision cannot hold one of the scene's numbers.
-    pub fn of(
-        ir: &'a SceneIr,
-        mut options: ProgramOptions,
-        additions: &[&dyn ProgramAddition],
-    ) -> Result<Self> {
+    pub fn of(ir: &'a SceneIr, mut options: ProgramOptions, changes: &Changes) -> Result<Self> {
         let features = Features::of(ir, &options.weights, options.roulette_threshold, options.max_depth);
         let splitting = features.splits.then(|| Splitting::of(&ir.sampling));
         if splitting.is_some() {
             // A family waits in registers, and so stays with its invocation to its end.
             options.events_per_dispatch = options.max_depth;
         }
-        additions.iter().for_each(|addition| addition.prepare(&features, &mut options));
+        (changes.prepare)(&features, &mut options);
         let centre = centre_of(ir);
-        let cells = additions.iter().try_fold(Cells::of(ir), |cells, addition| addition.cells(cells))?;
+        let cells = (changes.cells)(Cells::of(ir))?;
         let cells = match options.moments {
             SecondMoments::None => cells,
             SecondMoments::Squares => cells.with_moments(ir)?,
@@ -84,7 +89,7 @@ impl<'a> ProgramInput<'a> {
             tree
         });
         // Squares are sums that no count tells.
-        let constant_weights = !additions.iter().any(|addition| addition.sums_weights())
+        let constant_weights = !changes.sums_weights
             && features.whole_weights
             && options.moments != SecondMoments::Squares
             && options.weights.iter().all(|weight| *weight == options.weights[0]);

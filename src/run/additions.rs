@@ -8,7 +8,8 @@ use crate::derivatives::Derivatives;
 use crate::engine::addition::{Addition, Additions};
 use crate::engine::options::{Collect, TraceOptions};
 use crate::gpu::Gpu;
-use crate::paths::Paths;
+use crate::paths::followed::FollowedPaths;
+use crate::paths::totals::PathTotals;
 
 /// How two additions trace together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -87,7 +88,10 @@ fn stands_aside(asked: Kind) -> bool {
 
 /// The additions that options ask for.
 fn of_options(options: &TraceOptions) -> Additions {
-    let paths = Paths::of(options).map(|paths| Box::new(paths) as Box<dyn Addition>);
+    let paths = FollowedPaths::of(options).map(|followed| match options.collect {
+        Collect::Paths { .. } => Box::new(PathTotals::new(followed)) as Box<dyn Addition>,
+        _ => Box::new(followed),
+    });
     let derivatives = Derivatives::of(options).map(|derivatives| Box::new(derivatives) as Box<dyn Addition>);
     Additions::new(paths.into_iter().chain(derivatives).collect())
 }

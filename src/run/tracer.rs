@@ -8,7 +8,7 @@ use crate::engine::addition::Additions;
 use crate::engine::limits::num_rounds;
 use crate::engine::options::TraceOptions;
 use crate::engine::pipeline_cache::Shaders;
-use crate::engine::prepare::prepare;
+use crate::engine::prepare::{prepare, set_seed};
 use crate::engine::rounds::MOST_IN_GROUP;
 use crate::engine::undrained::empty_tally;
 use crate::engine::wavefront::Progress;
@@ -17,7 +17,7 @@ use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::gpu::profile::Profile;
 use crate::model::{SceneIr, Sequence};
-use crate::paths::Paths;
+use crate::paths::totals::PathTotals;
 use crate::program::Program;
 use crate::result::{Recorded, Recording, StageTime, Tally};
 use crate::run::additions::{self, ForAdapter};
@@ -86,7 +86,7 @@ impl<'a> Tracer<'a> {
 
     /// Sets the seed of the draws from now on. Nothing is compiled anew.
     pub fn set_seed(&mut self, seed: u64) {
-        self.engine.set_seed(&mut self.additions, seed);
+        set_seed(&mut self.engine, &mut self.additions, seed);
     }
 
     /// Sets how long passes should take from now on. A pass has at least one dispatch, whose rays then also take no
@@ -195,7 +195,7 @@ impl<'a> Tracer<'a> {
 
     /// Where some ray came to the end of each path that this tracer found, in the scene's frame \[mm\].
     pub fn found_paths(&self) -> HashMap<&Sequence, DVec3> {
-        self.additions.get::<Paths>().map(Paths::found).unwrap_or_default()
+        self.additions.get::<PathTotals>().map(PathTotals::found).unwrap_or_default()
     }
 
     /// A tally without rays, in the scene's shape.

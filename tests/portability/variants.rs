@@ -18,7 +18,8 @@ use nsq_gpu::model::{
     Sampling, Scatter, SceneIr, Shape, SimpleCoating, Source, SourceKind, Spectral, Spectrum, Specular,
     Sphere, Splat, Surface, Tabulated, TabulatedCoating,
 };
-use nsq_gpu::paths::{PathSums, Paths};
+use nsq_gpu::paths::followed::FollowedPaths;
+use nsq_gpu::paths::sums::PathSums;
 use nsq_gpu::program::addition::ProgramAddition;
 use nsq_gpu::program::rewrite::jvp::{Parameter, Tangents};
 use nsq_gpu::program::{
@@ -551,7 +552,7 @@ impl Variant {
     /// The program with one more addition than those of the variant.
     pub fn program_with(&self, tier: Tier, addition: &dyn ProgramAddition) -> Program {
         let follows = self.path_sums != PathSums::None || self.path_filter.is_some();
-        let paths = follows.then(|| Paths::new(self.path_sums, self.path_filter.clone()));
+        let paths = follows.then(|| FollowedPaths::new(self.path_sums, self.path_filter.clone()));
         let paths = paths.iter().map(|paths| paths as &dyn ProgramAddition);
         let derivatives = self.derivatives.iter().map(|derivatives| derivatives as &dyn ProgramAddition);
         let additions: Vec<&dyn ProgramAddition> = paths.chain(derivatives).chain([addition]).collect();

@@ -1,6 +1,7 @@
 //! Keeps the ledger's bins in registers: each goes to memory once an invocation (shaders/sums/ledger.wgsl).
 
 use crate::model::surface_optics::lossy_mirrors;
+use crate::program::addition::ShaderAdditions;
 use crate::program::wgsl::composition::Composition;
 use std::fmt::Write;
 
@@ -14,13 +15,13 @@ impl Composition<'_> {
     /// The variables of the bins, with functions that add to them (`add_to_bin`) and send them to memory
     /// (`plain_flush_bins`). If an addition wants it, two more functions take back what a ray has put into them
     /// (`keep_bins`, `restore_bins`).
-    pub(super) fn bins(&self) -> String {
+    pub(super) fn bins(&self, additions: &ShaderAdditions) -> String {
         let mut variables = String::new();
         let mut add = String::from("fn add_to_bin(cell: u32, q: Quanta) {\n");
         let mut flush = String::from("fn plain_flush_bins() {\n");
         let mut keep = String::from("fn keep_bins() {\n");
         let mut restore = String::from("fn restore_bins() {\n");
-        let restores = self.additions.any(|addition| addition.restores_bins());
+        let restores = additions.any(|addition| addition.restores_bins());
         let mut register = |name: String, kind: &str, zero: &str| {
             let _ = writeln!(variables, "var<private> {name}: {kind} = {zero};");
             if restores {
@@ -29,7 +30,7 @@ impl Composition<'_> {
             let _ = writeln!(keep, "    kept_{name} = {name};");
             let _ = writeln!(restore, "    {name} = kept_{name};");
         };
-        for (i, Bin { cell, has_quanta }) in self.bins_in_registers().iter().enumerate() {
+        for (i, Bin { cell, has_quanta }) in self.bins_in_registers(additions).iter().enumerate() {
             register(format!("bin_{i}_events"), "u32", "0u");
             let _ = writeln!(add, "    if cell == {cell} {{\n        bin_{i}_events += 1u;");
             if *has_quanta {
@@ -53,7 +54,7 @@ impl Composition<'_> {
 
     /// The bins that rays of this scene can meet. Mirrors in a table deposit in memory, except those that an addition
     /// wants in registers.
-    fn bins_in_registers(&self) -> Vec<Bin> {
+    fn bins_in_registers(&self, additions: &ShaderAdditions) -> Vec<Bin> {
         let f = &self.features;
         let scatters = !f.bsdfs.is_empty();
         let of_ledger = [
@@ -69,9 +70,7 @@ impl Composition<'_> {
         let of_ledger = of_ledger.into_iter().filter(|(present, ..)| *present);
         let of_ledger = of_ledger.map(|(_, cell, has_quanta)| Bin { cell: cell.into(), has_quanta });
         let mirrors = lossy_mirrors(self.ir)
-            .filter(|&i| {
-                self.options.baked || self.additions.any(|addition| addition.keeps_bin_of(i as usize))
-            })
+            .filter(|&i| self.options.baked || additions.any(|addition| addition.keeps_bin_of(i as usize)))
             .map(|i| Bin { cell: format!("{}u", self.cells.surfaces + i), has_quanta: true });
         of_ledger.chain(mirrors).collect()
     }

@@ -3,6 +3,7 @@
 
 use crate::error::Result;
 use crate::model::Precision;
+use crate::program::addition::ShaderAdditions;
 use crate::program::layout::bindings;
 use crate::program::wgsl::composition::Composition;
 use crate::program::wgsl::library::{self, Integers, Real};
@@ -17,16 +18,16 @@ pub fn advance() -> String {
 impl Composition<'_> {
     /// The whole module: the bindings, the library, the constants, the files that the scene needs (`variants`), and the
     /// text written for this scene. Above each part, a comment names the file, or the module that composes the part.
-    pub fn compose(&self) -> Result<String> {
+    pub fn compose(&self, additions: &ShaderAdditions) -> Result<String> {
         let mut text = Text::default();
         library::add(&mut text, self.real_type(), self.integers(), self.options.sampler);
-        text.composed("program::wgsl::constants", &self.constants()?);
-        text.files(self.files());
-        text.composed("program::wgsl::rows", &self.rows()?);
+        text.composed("program::wgsl::constants", &self.constants(additions)?);
+        text.files(self.files(additions));
+        text.composed("program::wgsl::rows", &self.rows(additions)?);
         text.composed("program::wgsl::search", &self.nearest_primitive()?);
         text.composed("program::wgsl::trees", &self.waiting());
-        self.additions.all().try_for_each(|addition| addition.add(self, &mut text))?;
-        text.composed("program::wgsl::bins", &self.bins());
+        additions.all().try_for_each(|addition| addition.add(self, &mut text))?;
+        text.composed("program::wgsl::bins", &self.bins(additions));
         text.composed("program::wgsl::dispatch", &self.dispatch()?);
         text.composed("program::layout::numbers", &self.numbers.declaration());
         self.sums.cut(bindings::declared(&text.into_string()))

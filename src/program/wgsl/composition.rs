@@ -2,7 +2,6 @@
 
 use crate::error::Result;
 use crate::model::Precision;
-use crate::program::addition::ShaderAdditions;
 use crate::program::input::ProgramInput;
 use crate::program::layout::numbers::Numbers;
 use crate::program::layout::sums::SumBuffers;
@@ -14,8 +13,6 @@ pub struct Composition<'a> {
     scene: &'a ProgramInput<'a>,
     /// The buffers that the cells lie in.
     pub sums: &'a SumBuffers,
-    /// What additions give to the module.
-    pub additions: &'a ShaderAdditions,
     /// The numbers of the scene that the text has so far.
     pub numbers: Numbers,
 }
@@ -30,12 +27,12 @@ impl<'a> Deref for Composition<'a> {
 
 impl<'a> Composition<'a> {
     /// The composition of a scene whose sums lie in these buffers.
-    pub fn of(scene: &'a ProgramInput<'a>, sums: &'a SumBuffers, additions: &'a ShaderAdditions) -> Self {
+    pub fn of(scene: &'a ProgramInput<'a>, sums: &'a SumBuffers) -> Self {
         let numbers = {
             let options = &scene.options;
             Numbers::new(options.precision, options.live, options.copies_numbers)
         };
-        Composition { scene, sums, additions, numbers }
+        Composition { scene, sums, numbers }
     }
 
     /// The precision of the physics.

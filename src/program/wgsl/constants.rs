@@ -2,6 +2,7 @@
 
 use crate::error::Result;
 use crate::model::Precision;
+use crate::program::addition::ShaderAdditions;
 use crate::program::geometry::{mesh, tree};
 use crate::program::layout::reals::literal;
 use crate::program::layout::splitting::Splitting;
@@ -46,13 +47,13 @@ impl Constants {
 
 impl Composition<'_> {
     /// All constants.
-    pub(super) fn constants(&self) -> Result<String> {
+    pub(super) fn constants(&self, additions: &ShaderAdditions) -> Result<String> {
         let mut constants = Constants::default();
         self.sizes(&mut constants);
         self.places_of_trees(&mut constants);
         self.numbers_of_cells(&mut constants);
         self.sizes_of_families(&mut constants);
-        self.questions(&mut constants);
+        self.questions(&mut constants, additions);
         self.tolerances(&mut constants)?;
         Ok(constants.0)
     }
@@ -137,7 +138,7 @@ impl Composition<'_> {
     }
 
     /// Properties that some scenes have and others lack.
-    fn questions(&self, constants: &mut Constants) {
+    fn questions(&self, constants: &mut Constants, additions: &ShaderAdditions) {
         let (features, options) = (&self.features, &self.options);
         let [hard, bilinear, gaussian] = features.splats;
         let has_totals = self.cells.moments.as_ref().is_some_and(|moments| moments.totals.is_some());
@@ -149,7 +150,7 @@ impl Composition<'_> {
         constants.bool("HAS_TRANSMISSIVE", features.transmissive);
         constants.bool("HAS_TRANSMISSIVE_LOBES", features.transmissive_lobes);
         constants.bool("HAS_QUEUE", options.has_queue());
-        constants.bool("LOGS_PASSES", self.additions.any(|addition| addition.logs_passes()));
+        constants.bool("LOGS_PASSES", additions.any(|addition| addition.logs_passes()));
         constants.bool("HAS_TOTALS", has_totals);
         constants.bool("UNIT_GRADIENTS", features.unit_gradients);
         constants.bool("RECORD_ALL_PATHS", options.paths == PathSampling::All);

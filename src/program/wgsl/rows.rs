@@ -2,6 +2,7 @@
 //! in, or read from tables.
 
 use crate::error::Result;
+use crate::program::addition::ShaderAdditions;
 use crate::program::layout::records::Records;
 use crate::program::layout::tables;
 use crate::program::wgsl::composition::Composition;
@@ -9,11 +10,11 @@ use std::fmt::Write;
 
 impl Composition<'_> {
     /// All records, each with the functions into its frame and out of it.
-    pub(super) fn rows(&self) -> Result<String> {
+    pub(super) fn rows(&self, additions: &ShaderAdditions) -> Result<String> {
         Ok([
             self.surfaces_and_detectors()?,
             self.media()?,
-            self.source()?,
+            self.source(additions)?,
             self.contacts_of_faces()?,
             self.primitives()?,
         ]
@@ -43,7 +44,7 @@ impl Composition<'_> {
 
     /// A single source is compiled in. Of several sources, the source of the dispatch lies in a uniform. `begin` copies
     /// the uniforms before the first branch.
-    fn source(&self) -> Result<String> {
+    fn source(&self, additions: &ShaderAdditions) -> Result<String> {
         let sources = tables::source_records(self.ir, self.centre, &self.options.weights);
         let rotated = tables::any_rotated(self.ir, self.ir.sources.iter().map(|e| &e.frame));
         let (row, of_dispatch, copy) = match self.ir.sources.len() {
@@ -59,7 +60,7 @@ impl Composition<'_> {
         for (name, value) in self.lengths().into_iter().filter(|_| self.numbers.are_live()) {
             let _ = writeln!(lengths, "    {name} = {};", self.real(value)?);
         }
-        let added: String = self.additions.all().map(|addition| addition.begin()).collect();
+        let added: String = additions.all().map(|addition| addition.begin()).collect();
         let numbers = self.numbers.copy();
         let begin = format!("fn begin() {{\n    range = range_uniform;\n{copy}{added}{numbers}{lengths}}}\n");
         Ok(format!("{row}{functions}fn source() -> Source {{\n    return {of_dispatch};\n}}\n{begin}"))

@@ -3,6 +3,7 @@
 
 use crate::model::Precision;
 use crate::model::SourceFunction;
+use crate::program::addition::ShaderAdditions;
 use crate::program::features::Features;
 use crate::program::layout::tables::ReachedMarks;
 use crate::program::options::{PathSampling, ProgramOptions, SecondMoments};
@@ -155,7 +156,7 @@ const SLOTS: &[Slot] = slots! { c;
 
 impl Case<'_> {
     /// Files that have no twin, and when a scene takes them.
-    fn single(&self) -> [(bool, ShaderFile); 6] {
+    fn single(&self, additions: &ShaderAdditions) -> [(bool, ShaderFile); 6] {
         let (f, o) = (self.f, self.o);
         [
             (!f.splits, shader!("stages/intersect.wgsl")),
@@ -163,10 +164,7 @@ impl Case<'_> {
             (f.reads_media(), shader!("optics/media.wgsl")),
             (f.has_tables(), shader!("optics/tables.wgsl")),
             (self.all.has_trees(), shader!("geometry/boxes.wgsl")),
-            (
-                o.has_events(f) || self.all.additions.rows_per_ray(o.max_depth) > 0,
-                shader!("rows/events.wgsl"),
-            ),
+            (o.has_events(f) || additions.rows_per_ray(o.max_depth) > 0, shader!("rows/events.wgsl")),
         ]
     }
 
@@ -202,13 +200,12 @@ pub(crate) fn either(condition: bool, first: ShaderFile, second: ShaderFile) -> 
 
 impl Composition<'_> {
     /// The files that the scene needs, each once.
-    pub(super) fn files(&self) -> Vec<ShaderFile> {
+    pub(super) fn files(&self, additions: &ShaderAdditions) -> Vec<ShaderFile> {
         let case = Case { f: &self.features, o: &self.options, all: self };
         let mut files = ALWAYS.to_vec();
-        files.extend(case.single().into_iter().filter(|(needed, _)| *needed).map(|(_, file)| file));
+        files.extend(case.single(additions).into_iter().filter(|(needed, _)| *needed).map(|(_, file)| file));
         files.extend(self.features.detectors.iter().map(|function| function.wgsl().file));
-        let pick =
-            |slot: &Slot| (slot.pick)(&case).map(|file| self.additions.file(slot.stem).unwrap_or(file));
+        let pick = |slot: &Slot| (slot.pick)(&case).map(|file| additions.file(slot.stem).unwrap_or(file));
         files.extend(SLOTS.iter().filter_map(pick));
         // Several kinds of shapes may share a file.
         for kind in &self.features.shapes {

@@ -1,0 +1,80 @@
+//! Paths that are followed, whatever becomes of them: for a filter, or for a second trace.
+
+use crate::engine::addition::Addition;
+use crate::engine::options::{Collect, TraceOptions};
+use crate::error::{Error, Result};
+use crate::gpu::Gpu;
+use crate::model::{PathFilter, SceneIr};
+use crate::paths::sums::PathSums;
+use crate::paths::wgsl::PathShader;
+use crate::program::addition::{ProgramAddition, ShaderAddition};
+use crate::program::input::ProgramInput;
+use crate::program::layout::tables::Cells;
+use crate::program::{Features, ProgramOptions, SecondMoments};
+use std::sync::Arc;
+
+/// Paths that are followed.
+#[derive(Debug, Clone, Default)]
+pub struct FollowedPaths {
+    pub(super) sums: PathSums,
+    filter: Option<Arc<PathFilter>>,
+}
+
+impl FollowedPaths {
+    /// Paths that are followed for these sums, or for a filter.
+    pub fn new(sums: PathSums, filter: Option<Arc<PathFilter>>) -> Self {
+        FollowedPaths { sums, filter }
+    }
+
+    /// What a trace with these options follows; `None` if it follows no paths.
+    pub fn of(options: &TraceOptions) -> Option<Self> {
+        let sums = match options.collect {
+            Collect::Light | Collect::Tangents(_) | Collect::Adjoints => PathSums::None,
+            Collect::Paths { rows, ends } => PathSums::Totals { rows, ends },
+            Collect::PathMaps(num) => PathSums::Maps(num),
+            Collect::Events { ends } => PathSums::Events { ends },
+        };
+        let filter = options.path_filter.clone();
+        (sums != PathSums::None || filter.is_some()).then(|| FollowedPaths::new(sums, filter))
+    }
+}
+
+impl ProgramAddition for FollowedPaths {
+    fn prepare(&self, _features: &Features, options: &mut ProgramOptions) {
+        // Such traces give maps without errors, or none. Scrambles belong to the draws, and stay.
+        let is_second = matches!(self.sums, PathSums::Maps(_) | PathSums::Events { .. });
+        if is_second && options.moments == SecondMoments::Squares {
+            options.moments = SecondMoments::None;
+        }
+    }
+
+    fn cells(&self, cells: Cells) -> Result<Cells> {
+        let cells = if self.filter.is_some() { cells.with_filtered() } else { cells };
+        match self.sums {
+            PathSums::Maps(num) => cells.with_replicates(num),
+            PathSums::None | PathSums::Totals { .. } | PathSums::Events { .. } => Ok(cells),
+        }
+    }
+
+    fn shader(&self, scene: &ProgramInput) -> Arc<dyn ShaderAddition> {
+        Arc::new(PathShader::new(self.sums, self.filter.clone(), scene))
+    }
+}
+
+impl Addition for FollowedPaths {
+    fn specialise(
+        &mut self,
+        _gpu: &Gpu,
+        _ir: &SceneIr,
+        _options: &TraceOptions,
+        program: &mut ProgramOptions,
+        _is_alone: bool,
+    ) -> Result<()> {
+        if matches!(self.sums, PathSums::Maps(_)) && program.moments == SecondMoments::Replicates {
+            return Err(Error::Usage(
+                "standard errors of Sobol points need scrambles, for which paths have no maps; use --standard-error off".into(),
+            ));
+        }
+        Ok(())
+    }
+}
