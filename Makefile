@@ -82,7 +82,7 @@ test-rust: adapter rust-components display
 	$(MAKE) --no-print-directory test-plain
 	RUST_TEST_THREADS="$${RUST_TEST_THREADS:-$(TEST_THREADS)}" cargo test
 
-# Without the wing for processors: the plain loop alone. With the viewer, so that dependencies are those of all other tests.
+# Without the CPU backend: the plain loop alone. With the viewer, so that dependencies are those of all other tests.
 test-plain: adapter
 	cargo test -p nsq-gpu --no-default-features --features viewer --test plain
 

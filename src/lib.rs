@@ -80,9 +80,9 @@ pub mod internals {
     pub use crate::cli::main_of;
     pub use crate::cli::output_file::check_places;
     pub use crate::count;
-    pub use crate::cpu::profile::Profile;
+    pub use crate::cpu::adapter_traits::AdapterTraits;
     pub use crate::cpu::vector_width::{self, Width};
-    pub use crate::cpu::{Choices, When};
+    pub use crate::cpu::{CpuOverrides, Override};
     pub use crate::engine::tuning::{EVENTS_PER_DISPATCH, Tuning, WORKGROUP_SIZES};
     pub use crate::format::pretty_json;
     pub use crate::gpu::processors;

@@ -10,8 +10,8 @@ mod zoo;
 use std::collections::BTreeMap;
 
 use glam::{DMat3, DVec3};
-use nsq_gpu::cpu::When;
-use nsq_gpu::cpu::profile::Profile;
+use nsq_gpu::cpu::Override;
+use nsq_gpu::cpu::adapter_traits::Profile;
 use nsq_gpu::gpu::Gpu;
 use nsq_gpu::model::{
     Detector, DetectorKind, FarField, Frame, Frustum, Interaction, Medium, PixelGrid, Point, Sampling,
@@ -92,7 +92,7 @@ fn short_submissions_give_the_same_bits() {
     let num_rays = 20_000;
     // Dispatches of 4 workgroups a processor, at the least.
     let least = 4 * 32 * nsq_gpu::gpu::processors::count() as u64;
-    for (name, main_path) in [
+    for (name, hot_path) in [
         ("bench_lens", true),
         ("bench_cavity", false),
         ("split_ghosts", false),
@@ -100,7 +100,7 @@ fn short_submissions_give_the_same_bits() {
         ("mesh_prism", false),
     ] {
         let ir = zoo::load(name);
-        for host_sums in [true, false] {
+        for deferred_splats in [true, false] {
             let options = TraceOptions {
                 num_rays,
                 standard_error: StandardError::Off,
@@ -109,16 +109,19 @@ fn short_submissions_give_the_same_bits() {
                 batch_size: Some(5000),
                 ..TraceOptions::default()
             };
-            let options = options.with(|choices| {
-                choices.host_sums = When::forced(host_sums);
-                choices.main_path = When::forced(main_path && host_sums);
+            let options = options.with(|overrides| {
+                overrides.deferred_splats = Override::forced(deferred_splats);
+                overrides.hot_path = Override::forced(hot_path && deferred_splats);
             });
             let plain = zoo::trace(&ir, &options);
             let mut tracer = options.tracer(zoo::gpu(), &ir).unwrap();
             tracer.set_pass_time(Duration::ZERO);
-            assert!(tracer.trace(|_| true).unwrap() == plain, "{name}, host_sums {host_sums}: other bits");
+            assert!(
+                tracer.trace(|_| true).unwrap() == plain,
+                "{name}, deferred_splats {deferred_splats}: other bits"
+            );
             let num = tracer.num_submissions();
-            assert!(main_path && host_sums || num > num_rays / 2 / least, "{name}: {num} submissions");
+            assert!(hot_path && deferred_splats || num > num_rays / 2 / least, "{name}: {num} submissions");
         }
     }
 }
@@ -196,8 +199,8 @@ fn dispatches_of_1_2_and_5_events_give_the_same_bits_as_of_16() {
 
 #[test]
 fn the_host_and_the_device_add_up_the_same_bits() {
-    assert!(Profile::of(zoo::gpu()).host_sums, "lavapipe is a processor");
-    let deposited = |options: &mut Forced| options.choices.host_sums = When::Never;
+    assert!(Profile::of(zoo::gpu()).deferred_splats, "lavapipe is a processor");
+    let deposited = |options: &mut Forced| options.overrides.deferred_splats = Override::Never;
     assert_same_bits(3000, &[deposited]);
     let base = TraceOptions { num_rays: 3000, standard_error: StandardError::On, ..TraceOptions::default() };
     assert_same_bits_from(&base, &[deposited]);
@@ -224,8 +227,8 @@ fn so_they_do_where_rounding_puts_rays_beyond_the_map() {
     *grid = PixelGrid { width: 1.01, height: 1.0, num_pixels_x: 1010, num_pixels_y: 10, ..*grid };
     let options =
         TraceOptions { standard_error: StandardError::Off, ..zoo::options(20_000, 1, Precision::F32) };
-    let trace = |host_sums| {
-        let options = options.with(|choices| choices.host_sums = When::forced(host_sums));
+    let trace = |deferred_splats| {
+        let options = options.with(|overrides| overrides.deferred_splats = Override::forced(deferred_splats));
         options.tracer(zoo::gpu(), &ir).unwrap().trace(|_| true).unwrap()
     };
     assert!(trace(true) == trace(false), "other bits");
@@ -235,18 +238,18 @@ fn so_they_do_where_rounding_puts_rays_beyond_the_map() {
 #[ignore = "long"]
 fn any_number_of_rays_an_invocation_gives_the_same_bits() {
     let off = TraceOptions { num_rays: 3000, standard_error: StandardError::Off, ..TraceOptions::default() };
-    for host_sums in [true, false] {
-        let base = off.with(|choices| {
-            choices.rays_per_invocation = Some(1);
-            choices.host_sums = When::forced(host_sums);
+    for deferred_splats in [true, false] {
+        let base = off.with(|overrides| {
+            overrides.rays_per_invocation = Some(1);
+            overrides.deferred_splats = Override::forced(deferred_splats);
         });
         assert_same_bits_from(
             &base,
             &[
-                |options| options.choices.rays_per_invocation = Some(3),
-                |options| options.choices.rays_per_invocation = Some(8),
+                |options| options.overrides.rays_per_invocation = Some(3),
+                |options| options.overrides.rays_per_invocation = Some(8),
                 |options| {
-                    options.choices.rays_per_invocation = Some(8);
+                    options.overrides.rays_per_invocation = Some(8);
                     options.batch_size = Some(700);
                 },
             ],
@@ -267,11 +270,11 @@ fn an_invocation_follows_several_rays_where_none_outlives_it_and_loops_are_short
     };
     assert_eq!(rays(|_| ()), 8);
     assert_eq!(rays(|options| (options.max_depth, options.events_per_dispatch) = (64, 64)), 4, "256 events");
-    assert_eq!(rays(|options| options.choices.rays_per_invocation = Some(0)), 1);
+    assert_eq!(rays(|options| options.overrides.rays_per_invocation = Some(0)), 1);
     assert_eq!(rays(|options| options.events_per_dispatch = 3), 1, "rays wait in a queue");
     assert_eq!(rays(|options| options.baked = Some(false)), 1, "loops over tables");
     assert_eq!(rays(|options| options.standard_error = StandardError::On), 1, "visits are remembered");
-    let few = |options: &mut Forced| (options.num_rays, options.choices.rays_per_invocation) = (255, None);
+    let few = |options: &mut Forced| (options.num_rays, options.overrides.rays_per_invocation) = (255, None);
     assert_eq!(rays(few), 1, "few rays");
 }
 
@@ -341,7 +344,7 @@ fn absorbers_are_told_as_reached_in_every_form() {
         for options in [
             plain.clone().into(),
             plain.on_device(),
-            plain.with(|choices| choices.main_path = When::Always),
+            plain.with(|overrides| overrides.hot_path = Override::Always),
             TraceOptions { standard_error: StandardError::On, ..plain.clone() }.into(),
             TraceOptions { sampler: Sampler::Sobol, standard_error: StandardError::On, ..plain.clone() }
                 .into(),
@@ -417,7 +420,7 @@ fn sums_in_parts_are_the_same_bits_as_in_one() {
         |_| (),
         |options| {
             options.standard_error = StandardError::On;
-            options.choices.host_sums = When::Never;
+            options.overrides.deferred_splats = Override::Never;
         },
         |options| (options.baked, options.tree) = (Some(false), Some(false)),
         |options| {
@@ -425,8 +428,8 @@ fn sums_in_parts_are_the_same_bits_as_in_one() {
             options.standard_error = StandardError::Off;
         },
         |options| {
-            options.choices.host_sums = When::Never;
-            options.choices.rays_per_invocation = Some(7);
+            options.overrides.deferred_splats = Override::Never;
+            options.overrides.rays_per_invocation = Some(7);
         },
     ];
     for (i, name) in DIVERSE.into_iter().chain(SCATTERING).enumerate() {

@@ -1,4 +1,4 @@
-//! The plain loop, and the wing for processors, give the same bits: those of tests/data/bits.json, for every scene, whether
+//! The plain loop, and the CPU backend, give the same bits: those of tests/data/bits.json, for every scene, whether
 //! this is compiled with the cargo feature `software` (`cargo test`) or without it (`make test-plain`).
 //!
 //! The committed bits are those of lavapipe in strict arithmetic. `NSQ_GPU_UPDATE_BITS=1` writes them anew.
@@ -47,7 +47,7 @@ fn every_scene_gives_the_committed_bits() {
     assert_eq!(
         differ,
         Vec::<&String>::new(),
-        "with{} the wing",
+        "with{} the CPU backend",
         if cfg!(feature = "cpu") { "" } else { "out" }
     );
     assert_eq!(committed.len(), found.len());

@@ -9,7 +9,7 @@ mod command;
 mod zoo;
 
 use command::{command, run, stderr};
-use nsq_gpu::cpu::When;
+use nsq_gpu::cpu::Override;
 use nsq_gpu::model::SceneIr;
 use nsq_gpu::model::sides::{MOST_WORK, WrongSides};
 use nsq_gpu::program::Precision;
@@ -284,8 +284,8 @@ fn rays_on_wrong_sides_are_the_same_however_they_are_traced() {
         let table = TraceOptions { collect: nsq_gpu::run::Collect::paths(), ..options.clone() };
         assert_eq!(counts(&zoo::trace(&ir, &table)), expected, "paths");
         assert_eq!(counts(&zoo::trace(&ir, &options.on_device())), expected, "sums on the device");
-        let main_path = options.with(|choices| choices.main_path = When::Always);
-        assert_eq!(counts(&zoo::trace(&ir, &main_path)), expected, "main path");
+        let hot_path = options.with(|overrides| overrides.hot_path = Override::Always);
+        assert_eq!(counts(&zoo::trace(&ir, &hot_path)), expected, "hot path");
         assert_eq!(counts(&zoo::trace_on(zoo::portable_gpu(), &ir, &options)), expected, "portable");
     }
 }

@@ -9,7 +9,7 @@ mod stability;
 mod zoo;
 
 use nsq_gpu::TraceResult;
-use nsq_gpu::cpu::When;
+use nsq_gpu::cpu::Override;
 use nsq_gpu::gpu::Gpu;
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::DetectorData;
@@ -52,7 +52,7 @@ fn with_plant(scene: &str, precision: Precision, baked: bool, plant: &str) -> Tr
     options.baked = Some(baked);
     // Rays that keep their weight do not log it; where the device adds up, it looks at it.
     if scene == "bench_lens" && plant.contains("weight") {
-        options.choices.host_sums = When::Never;
+        options.overrides.deferred_splats = Override::Never;
     }
     let edit = |wgsl: String| {
         let born = "ray = generate(index);";

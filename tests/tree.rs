@@ -236,7 +236,7 @@ fn trees_in_buffers_and_in_images_give_the_same_bits() {
         let options = TraceOptions { tree: Some(true), ..zoo::options(2_000, 1, precision) };
         let traced = [("var<storage, read> tree_rows", 0), ("var tree_rows: texture", u64::MAX)].map(
             |(declaration, texel_bytes)| {
-                let options = options.with(|choices| choices.texel_bytes = Some(texel_bytes));
+                let options = options.with(|overrides| overrides.texel_bytes = Some(texel_bytes));
                 let mut tracer = options.tracer(zoo::gpu(), &ir).unwrap();
                 assert!(tracer.program().wgsl.contains(declaration));
                 tracer.trace(|_| true).unwrap()

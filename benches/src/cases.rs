@@ -81,7 +81,7 @@ fn trace(name: &str, axis: &'static str, scene: String) -> Case {
     Case { name: name.into(), axis, scene, num_rays: 1_000_000, max_depth: MAX_DEPTH, kind: Kind::Trace }
 }
 
-/// The case with many rays. The main path then has a stage of its own, and processors use two devices.
+/// The case with many rays. The hot path then has a stage of its own, and processors use two devices.
 fn long(case: Case) -> Case {
     Case { num_rays: 10_000_000, ..case }
 }
@@ -107,7 +107,7 @@ fn depth_sweep() -> Vec<Case> {
     [2, 4, 8, 16, 32].map(case).into()
 }
 
-/// Traces too short for a stage of the main path.
+/// Traces too short for a stage of the hot path.
 fn short() -> Vec<Case> {
     let surfaces = |count| trace(&format!("surfaces_{count}_short"), "short", surface_count_scene(count));
     let mut cases = Vec::from([0, 200, 1000].map(surfaces));

@@ -4,7 +4,7 @@
 use crate::Summary;
 use crate::cases::{Case, Kind};
 use nsq_gpu::gpu::Gpu;
-use nsq_gpu::internals::{Choices, When};
+use nsq_gpu::internals::{CpuOverrides, Override};
 use nsq_gpu::program::Precision;
 use nsq_gpu::run::{Collect, ForAdapter, Shaders, StandardError, TraceOptions, Tracer};
 use nsq_gpu::scene::Scene;
@@ -38,12 +38,12 @@ pub fn measure(gpu: &Gpu, case: &Case, precision: Precision, num_runs: usize) ->
     let options =
         TraceOptions { standard_error: StandardError::Off, ..case.options(precision) }.tuned(&gpu.info);
     // As in the midst of a long trace.
-    let is_long = if case.num_rays >= 10_000_000 { When::Always } else { When::ItPays };
-    let choices = Choices { second_device: is_long, side_paths: is_long, ..Choices::default() };
+    let is_long = if case.num_rays >= 10_000_000 { Override::Always } else { Override::Automatic };
+    let overrides = CpuOverrides { second_device: is_long, side_traces: is_long, ..CpuOverrides::default() };
     let with_table = TraceOptions { collect: Collect::paths(), ..options.clone() };
     let mut tracers = [
         Tracer::with(gpu, &ir, &options, ForAdapter::Nothing, Shaders::default())?,
-        Tracer::with(gpu, &ir, &options, ForAdapter::Forced(&choices), Shaders::default())?,
+        Tracer::with(gpu, &ir, &options, ForAdapter::Forced(&overrides), Shaders::default())?,
         Tracer::new(gpu, &ir, &with_table)?,
     ];
     let mut num_rows = 0;

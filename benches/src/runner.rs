@@ -5,7 +5,7 @@ use crate::machine;
 use crate::peers::{Peer, PeerRun};
 use crate::statistics::Summary;
 use nsq_gpu::gpu::Gpu;
-use nsq_gpu::internals::{Choices, Profile, REPORT, When, vector_width};
+use nsq_gpu::internals::{CpuOverrides, Override, Profile, REPORT, vector_width};
 use nsq_gpu::model::SceneIr;
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{FluxUnit, Ledger, PathEventKind};
@@ -271,15 +271,19 @@ impl<'a> Subject<'a> {
         let (engine, ready_sec) = match case.kind {
             Kind::Trace => {
                 // The case stands for a long trace, so it is measured as if in the midst of one.
-                let is_long = case.num_rays >= LONG_TRACE && Profile::of(session.gpu).two_devices;
-                let in_midst = if is_long { When::Always } else { When::ItPays };
-                let choices = Choices { second_device: in_midst, side_paths: in_midst, ..Choices::default() };
+                let is_long = case.num_rays >= LONG_TRACE && AdapterTraits::of(session.gpu).two_devices;
+                let in_midst = if is_long { Override::Always } else { Override::Automatic };
+                let overrides = CpuOverrides {
+                    second_device: in_midst,
+                    side_traces: in_midst,
+                    ..CpuOverrides::default()
+                };
                 let options = case.options(precision).tuned(&session.gpu.info);
                 let tracer = Tracer::with(
                     session.gpu,
                     ir,
                     &options,
-                    ForAdapter::Forced(&choices),
+                    ForAdapter::Forced(&overrides),
                     Shaders::default(),
                 )?;
                 let ready_sec = before(Instant::now());

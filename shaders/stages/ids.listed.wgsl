@@ -1,4 +1,5 @@
-// The rays of a dispatch are those of a list of ids (low word, high word), such as the rays that the main path rejected.
+// The rays of a dispatch are those of a list of ids (low word, high word), such as rays that failed a guard of the hot
+// path.
 // Twin of ids.range.wgsl.
 @group(GROUP_SCENE) @binding(BINDING_LISTED_IDS) var<storage, read> listed_ids: array<vec2<u32>>;
 

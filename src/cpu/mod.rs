@@ -1,26 +1,25 @@
 //! An addition to the plain loop: all that is done otherwise on adapters that are processors.
 //!
 //! An atomic is dear on a processor, and its memory is the host's: so rays log where they end, and the host adds up
-//! ([`logs`], [`mod@log`]). Most rays of many scenes take one path: so a stage of its own follows that path without a loop, and rays
-//! that leave it are rejected and traced again ([`path`]). In the largest traces a second device takes turns with the first.
-//! The lens of `bench` is so traced at 87 million rays a second instead of 28.
+//! ([`mod@log`]). Most rays of many scenes take one path: so a stage of its own follows that hot path without a loop. Rays
+//! that fail one of its guards fall back on the plain stages ([`path`]). In the largest traces a second device takes turns with the first.
 
-pub mod added;
-pub mod choices;
-pub mod extension;
 pub mod log;
-pub mod logs;
+pub mod overrides;
+pub mod request;
+pub mod wgsl;
+
+pub mod adapter_traits;
 pub mod path;
-pub mod profile;
 mod second_device;
 pub mod vector_width;
 
-pub use crate::cpu::choices::{Choices, When};
+pub use crate::cpu::overrides::{CpuOverrides, Override};
 
-use crate::cpu::added::{CpuExtension, Wanted};
-use crate::cpu::logs::{DeviceLogs, EndLogs, Rays};
-use crate::cpu::path::{pilot, side_path};
-use crate::cpu::profile::Profile;
+use crate::cpu::adapter_traits::AdapterTraits;
+use crate::cpu::log::buffers::{DeviceLogs, LogBuffers, Rays};
+use crate::cpu::path::{profile, side_trace};
+use crate::cpu::request::{CpuRequest, CpuShader};
 use crate::engine::Engine;
 use crate::engine::addition::Addition;
 use crate::engine::device::DeviceState;
@@ -50,13 +49,13 @@ const MOST_RAYS_PER_INVOCATION: u64 = 8;
 
 /// How adapters trace that are processors.
 pub(crate) struct Cpu {
-    profile: Profile,
-    choices: Choices,
-    /// What is wanted of the program, once the pilot has flown.
-    wanted: Wanted,
+    traits: AdapterTraits,
+    overrides: CpuOverrides,
+    /// What is wanted of the program, once rays were profiled.
+    request: CpuRequest,
     /// Where rays log their ends.
-    logs: Option<EndLogs>,
-    /// The ids of rejected rays, as a dispatch reads them; one for each device, where there is a main path.
+    logs: Option<LogBuffers>,
+    /// The ids of rays that fall back, as a dispatch reads them; one for each device, where there is a hot path.
     ids: Vec<wgpu::Buffer>,
     /// What logs and ids take of a device.
     bytes: u64,
@@ -66,23 +65,23 @@ pub(crate) struct Cpu {
     takes_second_device: bool,
 }
 
-/// The stages that follow paths, by their numbers: that of the main path, then those of side paths.
-const MAIN_PATH: usize = 0;
-const FIRST_SIDE_PATH: usize = 1;
+/// The stages that follow paths, by their numbers: that of the hot path, then those of side traces.
+const HOT_PATH: usize = 0;
+const FIRST_SIDE_TRACE: usize = 1;
 
 impl Cpu {
     /// What pays on an adapter; none where the plain loop does all, unless something is asked for. The stages of paths have
     /// the scene's numbers compiled in.
-    pub(crate) fn for_adapter(gpu: &Gpu, options: &TraceOptions, choices: &Choices) -> Option<Self> {
+    pub(crate) fn for_adapter(gpu: &Gpu, options: &TraceOptions, overrides: &CpuOverrides) -> Option<Self> {
         if options.live {
             return None;
         }
-        let profile = Profile::of(gpu);
-        let is_asked_for = *choices != Choices::default();
-        (profile.processors.is_some() || is_asked_for).then(|| Cpu {
-            profile,
-            choices: choices.clone(),
-            wanted: Wanted::default(),
+        let traits = AdapterTraits::of(gpu);
+        let is_asked_for = *overrides != CpuOverrides::default();
+        (traits.processors.is_some() || is_asked_for).then(|| Cpu {
+            traits,
+            overrides: overrides.clone(),
+            request: CpuRequest::default(),
             logs: None,
             ids: Vec::new(),
             bytes: 0,
@@ -91,12 +90,12 @@ impl Cpu {
         })
     }
 
-    /// What the program needs of a device: logs, the ids of rejected rays, and a stage for each path.
+    /// What the program needs of a device: logs, the ids of rays that fall back, and a stage for each path.
     fn extra(&mut self, gpu: &Gpu, plan: &TracePlan, logs: &DeviceLogs) -> Result<ExtraBindings> {
         let program = &plan.program;
         let mut shared = Vec::new();
-        if CpuExtension::of_program(program).main_path.is_some() {
-            let ids = gpu.buffer("rejected rays", u64::from(plan.batch) * 8)?;
+        if CpuShader::of_program(program).hot_path.is_some() {
+            let ids = gpu.buffer("failed rays", u64::from(plan.batch) * 8)?;
             shared.push((bindings::LISTED_IDS, ids.clone()));
             self.ids.push(ids);
         }
@@ -108,7 +107,7 @@ impl Cpu {
 
     /// The number of the device whose turn it is, and the one of its logs.
     fn turn(&self) -> (usize, usize) {
-        self.logs.as_ref().map_or((0, 0), EndLogs::turn)
+        self.logs.as_ref().map_or((0, 0), LogBuffers::turn)
     }
 
     /// One of the devices; the engine's own is none.
@@ -119,17 +118,17 @@ impl Cpu {
     /// How the device whose turn it is traces such rays.
     fn way(&self, program: &Program, rays: &Rays) -> Route {
         let (_, group) = self.turn();
-        let added = CpuExtension::of_program(program);
+        let added = CpuShader::of_program(program);
         let side_rays = added.side_rays_per_invocation();
         match rays {
-            Rays::OfRange if added.main_path.is_some() => {
-                let rays_per_invocation = added.rays_per_main_path_invocation();
-                Route { group, added: Some(MAIN_PATH), rays_per_invocation }
+            Rays::OfRange if added.hot_path.is_some() => {
+                let rays_per_invocation = added.rays_per_hot_path_invocation();
+                Route { group, added: Some(HOT_PATH), rays_per_invocation }
             }
             Rays::OfSide { side, .. } => {
-                Route { group, added: Some(FIRST_SIDE_PATH + side), rays_per_invocation: side_rays }
+                Route { group, added: Some(FIRST_SIDE_TRACE + side), rays_per_invocation: side_rays }
             }
-            Rays::OfRange | Rays::Rejected => Route::plain(program, group),
+            Rays::OfRange | Rays::Fallback => Route::plain(program, group),
         }
     }
 
@@ -138,7 +137,7 @@ impl Cpu {
         let way = self.way(&engine.plan.program, &rays);
         let (number, _) = self.turn();
         let device = self.device(number);
-        if self.profile.processors.is_some() {
+        if self.traits.processors.is_some() {
             // A driver may try at a stage's first dispatch what compiling it for the numbers of one range would save. Lavapipe
             // (Mesa 22.3) takes a shader that grew for one that shrank, and then compiles it anew for every range; one that
             // begins at ray 0 makes none grow. So the first dispatch is such a one, of no workgroups.
@@ -179,7 +178,7 @@ impl Cpu {
 
     /// So few rays an invocation that a dispatch has several workgroups for each processor.
     fn most_rays_per_invocation(&self, options: &TraceOptions) -> u32 {
-        let Some(processors) = self.profile.processors else { return 1 };
+        let Some(processors) = self.traits.processors else { return 1 };
         let dispatch_rays = options.num_rays.min(options.batch_size.unwrap_or(DEFAULT_LOGGED_BATCH).into());
         let workgroups = u64::from(WORKGROUPS_PER_PROCESSOR) * u64::from(processors);
         let least_rays = workgroups * u64::from(options.workgroup_size.max(1));
@@ -187,46 +186,46 @@ impl Cpu {
     }
 }
 
-/// A stage for each path. Those of side paths are compiled when they are first needed.
+/// A stage for each path. Those of side traces are compiled when they are first needed.
 fn path_stages(program: &Program) -> Vec<AddedStage> {
-    let added = CpuExtension::of_program(program);
-    let main = added.main_path.iter().map(|_| AddedStage {
-        name: "trace_main_path",
-        entry_point: "trace_main_path".into(),
+    let added = CpuShader::of_program(program);
+    let main = added.hot_path.iter().map(|_| AddedStage {
+        name: "trace_hot_path",
+        entry_point: "trace_hot_path".into(),
         at_once: true,
     });
     let side = |number| AddedStage {
         name: "trace_side",
-        entry_point: side_path::entry_point(number),
+        entry_point: side_trace::entry_point(number),
         at_once: false,
     };
-    main.chain((0..added.side_paths.len()).map(side)).collect()
+    main.chain((0..added.side_traces.len()).map(side)).collect()
 }
 
 impl Cpu {
     /// For each stage of a path: how many rays of this trace were traced along the path, and how many of them were
     /// rejected.
     pub(crate) fn num_along_paths(&self) -> Vec<[u64; 2]> {
-        let counts = |logs: &EndLogs| {
-            std::iter::once(logs.num_followed_and_rejected()).chain(logs.num_along_sides()).collect()
+        let counts = |logs: &LogBuffers| {
+            std::iter::once(logs.num_followed_and_failed()).chain(logs.num_along_sides()).collect()
         };
         self.logs.as_ref().map_or_else(Vec::new, counts)
     }
 }
 
-fn note_first_end(engine: &mut Engine, logs: &EndLogs) {
+fn note_first_end(engine: &mut Engine, logs: &LogBuffers) {
     engine.first_end = engine.first_end.or(logs.first_end());
 }
 
-impl ProgramAddition for Wanted {
+impl ProgramAddition for CpuRequest {
     fn shader(&self, scene: &ProgramInput) -> Arc<dyn ShaderAddition> {
-        Arc::new(CpuExtension::of(scene, self))
+        Arc::new(CpuShader::of(scene, self))
     }
 }
 
 impl ProgramAddition for Cpu {
     fn shader(&self, scene: &ProgramInput) -> Arc<dyn ShaderAddition> {
-        self.wanted.shader(scene)
+        self.request.shader(scene)
     }
 }
 
@@ -239,33 +238,34 @@ impl Addition for Cpu {
         program: &mut ProgramOptions,
         is_alone: bool,
     ) -> Result<()> {
-        let Cpu { profile, choices, .. } = &*self;
-        choices.check(gpu)?;
-        program.uniform_bytes = profile.uniform_bytes;
-        program.texel_bytes = choices.texel_bytes.unwrap_or(profile.texel_bytes);
+        let Cpu { traits, overrides, .. } = &*self;
+        overrides.check(gpu)?;
+        program.uniform_bytes = traits.uniform_bytes;
+        program.texel_bytes = overrides.texel_bytes.unwrap_or(traits.texel_bytes);
         program.most_rays_per_invocation =
-            choices.rays_per_invocation.unwrap_or_else(|| self.most_rays_per_invocation(options));
-        let mut wanted = Wanted {
-            host_sums: choices.host_sums.holds(|| profile.host_sums),
-            side_by_side: choices.side_by_side.holds(|| profile.processors.is_some()),
+            overrides.rays_per_invocation.unwrap_or_else(|| self.most_rays_per_invocation(options));
+        let mut request = CpuRequest {
+            deferred_splats: overrides.deferred_splats.holds(|| traits.deferred_splats),
+            side_by_side: overrides.side_by_side.holds(|| traits.processors.is_some()),
             ..Default::default()
         };
-        // The stages of main paths do nothing for another addition.
-        if wanted.host_sums
+        // The stages of hot paths do nothing for another addition.
+        if request.deferred_splats
             && is_alone
-            && let Some(paths) = pilot::find(gpu, ir, options, program, choices.main_path)?
+            && let Some(paths) = profile::find(gpu, ir, options, program, overrides.hot_path)?
         {
-            wanted.main_path = Some(paths.main);
-            wanted.side_paths = if choices.side_paths == When::Never { Vec::new() } else { paths.sides };
+            request.hot_path = Some(paths.hot);
+            request.side_traces =
+                if overrides.side_traces == Override::Never { Vec::new() } else { paths.sides };
         }
-        self.wanted = wanted;
+        self.request = request;
         Ok(())
     }
 
     fn limits(&self, program: &Program, plain: DispatchLimits) -> DispatchLimits {
-        let processors = self.profile.processors.unwrap_or(plain.processors);
-        let added = CpuExtension::of_program(program);
-        let Some(log) = &added.end_log else { return DispatchLimits { processors, ..plain } };
+        let processors = self.traits.processors.unwrap_or(plain.processors);
+        let added = CpuShader::of_program(program);
+        let Some(log) = &added.deposit_log else { return DispatchLimits { processors, ..plain } };
         let default_rays =
             if added.path_log.is_some() { DEFAULT_POSITIONS_BATCH } else { DEFAULT_LOGGED_BATCH };
         DispatchLimits { default_rays, most_rays: log.max_rays(added.path_log.as_ref()), processors }
@@ -273,37 +273,37 @@ impl Addition for Cpu {
 
     fn open(&mut self, gpu: &Gpu, plan: &TracePlan) -> Result<ExtraBindings> {
         let TracePlan { program, options, .. } = plan;
-        let added = CpuExtension::of_program(program);
-        let Some(log) = &added.end_log else { return Ok(ExtraBindings::default()) };
-        let mut logs = EndLogs::new(gpu, log.clone(), added.path_log.clone(), &program.cells, plan.batch)?;
+        let added = CpuShader::of_program(program);
+        let Some(log) = &added.deposit_log else { return Ok(ExtraBindings::default()) };
+        let mut logs = LogBuffers::new(gpu, log.clone(), added.path_log.clone(), &program.cells, plan.batch)?;
         let num_expected = (!options.may_end_early).then_some(options.num_rays);
-        logs.follow_sides(&added.side_paths, num_expected, self.choices.side_paths == When::Always);
+        logs.follow_sides(&added.side_traces, num_expected, self.overrides.side_traces == Override::Always);
         let extra = self.extra(gpu, plan, &logs.devices()[0])?;
         self.logs = Some(logs);
         Ok(extra)
     }
 
     fn discard(&mut self) {
-        self.logs.as_mut().into_iter().for_each(EndLogs::discard);
+        self.logs.as_mut().into_iter().for_each(LogBuffers::discard);
     }
 
-    /// Those of the main path take so little time that they are always a batch.
+    /// Those of the hot path take so little time that they are always a batch.
     fn range_rays(&self, engine: &Engine) -> Option<u32> {
-        let follows_path = CpuExtension::of_program(&engine.plan.program).main_path.is_some()
+        let follows_path = CpuShader::of_program(&engine.plan.program).hot_path.is_some()
             && self.path_pays(&engine.plan.program);
         follows_path.then_some(engine.plan.batch)
     }
 
     fn trace(&mut self, engine: &mut Engine, range: &RayRange) -> Result<bool> {
-        let range = RayRange { log_stride: self.logs.as_ref().map_or(0, EndLogs::stride), ..*range };
+        let range = RayRange { log_stride: self.logs.as_ref().map_or(0, LogBuffers::stride), ..*range };
         let pays = self.path_pays(&engine.plan.program);
         match &mut self.logs {
-            Some(logs) if !pays => logs.rejected().list(&range),
+            Some(logs) if !pays => logs.fallback().list(&range),
             _ => self.dispatch(engine, &range, Rays::OfRange)?,
         }
-        // Enough for two, so that lists of many side paths do not grow long.
+        // Enough for two, so that lists of many side traces do not grow long.
         self.follow_sides(engine, range.source, 2 * engine.plan.batch as usize)?;
-        self.retrace_rejected(engine, range.source, engine.size.rays())?;
+        self.trace_fallback(engine, range.source, engine.size.rays())?;
         Ok(true)
     }
 
@@ -322,7 +322,7 @@ impl Addition for Cpu {
             self.finish_logs(engine)?;
         }
         for source in 0..engine.plan.rays.len() {
-            self.retrace_rejected(engine, source, 1)?;
+            self.trace_fallback(engine, source, 1)?;
         }
         self.finish_logs(engine)
     }
@@ -347,6 +347,6 @@ impl Addition for Cpu {
     fn keep_one_device(&mut self) {
         self.second.clear();
         self.ids.truncate(1);
-        self.logs.as_mut().into_iter().for_each(EndLogs::keep_first_device);
+        self.logs.as_mut().into_iter().for_each(LogBuffers::keep_first_device);
     }
 }

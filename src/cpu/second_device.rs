@@ -1,5 +1,5 @@
 //! A second device on the same adapter, which takes turns with the first: on processors two keep it busier than one
-//! ([`crate::cpu::profile::Profile::two_devices`]).
+//! ([`crate::cpu::adapter_traits::AdapterTraits::two_devices`]).
 
 use crate::cpu::Cpu;
 use crate::engine::Engine;
@@ -24,8 +24,8 @@ impl Cpu {
             && !engine.device.keeps_rows()
             && engine.num_bound_additions <= 1
             && engine.device.bytes + self.bytes <= MOST_BYTES;
-        let pays = || self.profile.two_devices && seconds_left.is_some_and(|left| left >= PAYS_SEC);
-        if is_possible && self.choices.second_device.holds(pays) {
+        let pays = || self.traits.two_devices && seconds_left.is_some_and(|left| left >= PAYS_SEC);
+        if is_possible && self.overrides.second_device.holds(pays) {
             self.takes_second_device = false;
             self.open_second_device(engine)?;
         }

@@ -3,7 +3,7 @@
 //! This is the one place that names the additions. [`COMPOSITIONS`] says which of them trace together.
 
 #[cfg(feature = "cpu")]
-use crate::cpu::{Choices, Cpu};
+use crate::cpu::{Cpu, CpuOverrides};
 use crate::derivatives::Derivatives;
 use crate::engine::addition::{Addition, Additions};
 use crate::engine::options::{Collect, TraceOptions};
@@ -106,7 +106,7 @@ pub enum ForAdapter<'c> {
     Nothing,
     /// What these overrides say, even where that does not pay: for tests.
     #[cfg(feature = "cpu")]
-    Forced(&'c Choices),
+    Forced(&'c CpuOverrides),
     /// Never there: it holds the lifetime where there is nothing to force.
     #[cfg(not(feature = "cpu"))]
     #[doc(hidden)]
@@ -118,7 +118,7 @@ pub enum ForAdapter<'c> {
 pub(crate) fn of(gpu: &Gpu, options: &TraceOptions, for_adapter: ForAdapter) -> Additions {
     let asked = of_options(options);
     let cpu = match for_adapter {
-        ForAdapter::WhatPays => Cpu::for_adapter(gpu, options, &Choices::default()),
+        ForAdapter::WhatPays => Cpu::for_adapter(gpu, options, &CpuOverrides::default()),
         ForAdapter::Nothing => None,
         ForAdapter::Forced(overrides) => Cpu::for_adapter(gpu, options, overrides),
     };
@@ -193,13 +193,13 @@ mod tests {
     #[cfg(feature = "cpu")]
     #[test]
     fn what_pays_on_processors_stands_aside_where_the_table_says_so() {
-        use crate::cpu::When;
+        use crate::cpu::Override;
         use crate::gpu::AdapterChoice;
         if crate::gpu::list_adapters().is_empty() {
             return;
         }
         let gpu = Gpu::open(&AdapterChoice::default()).unwrap();
-        let forced = Choices { side_by_side: When::Always, ..Choices::default() };
+        let forced = CpuOverrides { side_by_side: Override::Always, ..CpuOverrides::default() };
         for &(one, _, together) in COMPOSITIONS.iter().filter(|(_, two, _)| *two == Kind::Cpu) {
             let mut options = TraceOptions::default();
             ask(one, &mut options);

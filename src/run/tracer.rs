@@ -76,8 +76,8 @@ impl<'a> Tracer<'a> {
         self.engine.num_submissions
     }
 
-    /// How many rays of the last trace were traced along the main path, and how many of them it rejected. The same for
-    /// each side path follows.
+    /// How many rays of the last trace were traced along the hot path, and how many of them failed a guard. The same for
+    /// each side trace follows.
     #[cfg(feature = "cpu")]
     #[doc(hidden)]
     pub fn num_along_paths(&self) -> Vec<[u64; 2]> {

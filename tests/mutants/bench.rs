@@ -2,7 +2,7 @@
 
 use crate::table::Mutant;
 use crate::zoo;
-use nsq_gpu::cpu::{Choices, When};
+use nsq_gpu::cpu::{CpuOverrides, Override};
 use nsq_gpu::gpu::{Gpu, list_adapters};
 use nsq_gpu::model::{DetectorKind, RayDatabase, SceneIr};
 use nsq_gpu::paths::maps::{PathMaps, WantedMaps, Watched, trace_maps};
@@ -27,15 +27,19 @@ pub struct Setting {
     pub native: bool,
     /// Options of the trace.
     pub options: TraceOptions,
-    /// What the software wing does in it.
-    pub choices: Choices,
+    /// What the CPU backend is forced to do in it.
+    pub overrides: CpuOverrides,
 }
 
 impl Default for Setting {
     /// As the oracle traced; with atomics, as on a GPU.
     fn default() -> Self {
         let options = TraceOptions { num_rays: 100_000, ..Default::default() };
-        Setting { native: true, options, choices: Choices { host_sums: When::Never, ..Default::default() } }
+        Setting {
+            native: true,
+            options,
+            overrides: CpuOverrides { deferred_splats: Override::Never, ..Default::default() },
+        }
     }
 }
 
@@ -69,7 +73,7 @@ impl Bench {
     fn tracer<'a>(&self, gpu: &'a Gpu, ir: &'a SceneIr, setting: &Setting) -> nsq_gpu::Result<Tracer<'a>> {
         let edit = |wgsl| self.edit(wgsl);
         let shaders = Shaders { cache: None, edit: Some(&edit) };
-        Tracer::with(gpu, ir, &setting.options, ForAdapter::Forced(&setting.choices), shaders)
+        Tracer::with(gpu, ir, &setting.options, ForAdapter::Forced(&setting.overrides), shaders)
     }
 
     /// The sums of a trace. A device may refuse a mutant for no other reason than that it is no valid shader.

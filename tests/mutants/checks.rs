@@ -5,7 +5,7 @@ use crate::closed_forms;
 use crate::oracle::Oracle;
 use crate::stability::{StabilityCase, cases};
 use nsq_gpu::StandardError;
-use nsq_gpu::cpu::When;
+use nsq_gpu::cpu::Override;
 use nsq_gpu::engine::options::DEFAULT_PATH_ROWS;
 use nsq_gpu::model::surface_optics::splits;
 use nsq_gpu::model::{Detector, DetectorKind, End, Interaction, PathFilter, SceneIr, Sequence, Splat};
@@ -108,15 +108,15 @@ impl Scene {
                 (_, Some(precision)) => setting.options.precision = precision,
                 ("portable", _) => setting.native = false,
                 ("logged", _) => {
-                    setting.choices.host_sums = When::Always;
-                    setting.choices.rays_per_invocation = Some(8);
+                    setting.overrides.deferred_splats = Override::Always;
+                    setting.overrides.rays_per_invocation = Some(8);
                 }
-                ("main_path", _) => {
-                    setting.choices.host_sums = When::Always;
-                    setting.choices.main_path = When::Always;
+                ("hot_path", _) => {
+                    setting.overrides.deferred_splats = Override::Always;
+                    setting.overrides.hot_path = Override::Always;
                     setting.options.standard_error = StandardError::Off;
                 }
-                ("sides", _) => setting.choices.side_paths = When::Always,
+                ("sides", _) => setting.overrides.side_traces = Override::Always,
                 ("baked", _) => setting.options.baked = Some(true),
                 ("table", _) => {
                     setting.options.baked = Some(false);
@@ -295,8 +295,8 @@ fn same_bits(bench: &Bench, scene_of: &Scene) -> Outcome {
     first.options.standard_error = StandardError::Off;
     let mut other = first.clone();
     other.native = false;
-    other.choices.host_sums = When::Never;
-    other.choices.rays_per_invocation = Some(1);
+    other.overrides.deferred_splats = Override::Never;
+    other.overrides.rays_per_invocation = Some(1);
     other.options.batch_size = Some(7_777);
     other.options.events_per_dispatch = 3;
     if bench.tally(&ir, &first) == bench.tally(&ir, &other) { Ok(()) } else { Err("the sums differ".into()) }

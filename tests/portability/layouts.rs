@@ -340,7 +340,7 @@ fn code_of(shape: &Shape) -> f64 {
 fn tables_hold_no_detectors_that_stand_apart_from_the_tree() {
     for tier in tiers_in_tables() {
         let mut variant = everything_in_buffers();
-        variant.main_path = None;
+        variant.hot_path = None;
         variant.ir.detectors.truncate(8);
         let program = variant.program(tier);
         let shapes: Vec<f64> = variant.ir.surfaces.iter().map(|surface| code_of(&surface.shape)).collect();
@@ -410,7 +410,7 @@ fn texels_hold_the_primitives_where_the_shaders_look() {
 /// Every read-only buffer of group 0 that a shader declares is one that the host fills, and no other.
 #[test]
 fn host_fills_the_buffers_that_shaders_declare() {
-    // Of the trace, not of the program: range, draws, rows, source, the log of ends, the rejected rays; and the sums.
+    // Of the trace, not of the program: range, draws, rows, source, the deposit log, the failed rays; and the sums.
     let traced = [
         bindings::RANGE,
         bindings::RNG_TABLE,

@@ -75,13 +75,13 @@ fn check_every(step: usize, tier: Tier) {
 /// Every choice alone, everything at once, every scene file, and the tier's half of all pairs of choices. Of the eight
 /// tiers of f32 and f64 a pair is in four, which have every two of precision, integers and place of the records together.
 fn variants_of(tier: Tier) -> impl Iterator<Item = (String, Variant)> {
-    let choices = Choice::all();
+    let overrides = Choice::all();
     let half =
         usize::from(tier.precision != Precision::F32) + usize::from(tier.native) + usize::from(tier.baked);
-    let pairs: Vec<(Choice, Choice)> = (0..choices.len())
-        .flat_map(|i| (i..choices.len()).map(move |j| (i, j)))
+    let pairs: Vec<(Choice, Choice)> = (0..overrides.len())
+        .flat_map(|i| (i..overrides.len()).map(move |j| (i, j)))
         .filter(|(i, j)| i == j || (i + j) % 2 == half % 2)
-        .map(|(i, j)| (choices[i], choices[j]))
+        .map(|(i, j)| (overrides[i], overrides[j]))
         .collect();
     let paired = pairs.into_iter().map(|(a, b)| {
         let mut variant = Variant::default();
@@ -202,7 +202,7 @@ fn what_is_private_has_a_first_value_in_its_line() {
         text.lines().filter(declares).filter(|line| line.contains(": ") && line.contains(" = ")).count()
     };
     for file in
-        ["cpu/path/main_path.wgsl", "cpu/path/path_log.arrivals.wgsl", "cpu/path/path_losses.reported.wgsl"]
+        ["cpu/path/hot_path.wgsl", "cpu/path/path_log.arrivals.wgsl", "cpu/path/path_losses.reported.wgsl"]
     {
         let files = snapshots::shader_files();
         let (_, text) = files.iter().find(|(path, _)| path == file).unwrap();
@@ -233,7 +233,7 @@ fn portable_shaders_bind_few_storage_buffers() {
     println!("at most {most}");
     assert_eq!(beyond, BTreeMap::new(), "scenes that plain WebGPU cannot bind");
     // Only processors log where rays end, and only large sums lie in parts.
-    let everything = || Variant { host_sums: false, part_bytes: 1 << 27, ..everything() };
+    let everything = || Variant { deferred_splats: false, part_bytes: 1 << 27, ..everything() };
     let (compiled, tables) =
         (everything().program(tier), everything().program(Tier { baked: false, ..tier }));
     assert_eq!(

@@ -1,8 +1,8 @@
 //! Scenes and options that bring in each feature: alone, in pairs, and all at once.
 
 use glam::{DMat3, DVec2, DVec3};
-use nsq_gpu::cpu::added::Wanted;
-use nsq_gpu::cpu::path::main_path::{PilotPath, Way};
+use nsq_gpu::cpu::path::hot_path::{ProfiledPath, SampledPath};
+use nsq_gpu::cpu::request::CpuRequest;
 use nsq_gpu::derivatives::Derivatives;
 use nsq_gpu::model::ShapeKind;
 use nsq_gpu::model::StepKind;
@@ -63,11 +63,11 @@ pub struct Variant {
     pub sampler: Sampler,
     pub moments: SecondMoments,
     /// The host adds up where rays end.
-    pub host_sums: bool,
+    pub deferred_splats: bool,
     /// The path that has a stage of its own.
-    pub main_path: Option<PilotPath>,
-    /// Those of rays that it rejects.
-    pub side_paths: Vec<PilotPath>,
+    pub hot_path: Option<ProfiledPath>,
+    /// The paths of rays that fail its guards.
+    pub side_traces: Vec<ProfiledPath>,
     /// Sums are bound in parts of at most so many bytes.
     pub part_bytes: u64,
     /// Derivatives, of some parameters or of a loss.
@@ -111,9 +111,9 @@ pub enum Choice {
     Sampler(Sampler),
     Moments,
     HostSums,
-    MainPath { absorbs: bool },
-    MainPathThroughDetector,
-    MainPathThroughGlass,
+    HotPath { absorbs: bool },
+    HotPathThroughDetector,
+    HotPathThroughGlass,
     Replicates,
     SumsInParts,
     PathSums(PathSums),
@@ -261,21 +261,21 @@ fn samplers() -> Vec<Sampler> {
 impl Choice {
     /// Every feature.
     pub fn all() -> Vec<Choice> {
-        let mut choices: Vec<Choice> = shapes().into_iter().map(Choice::Shape).collect();
-        choices.extend(sources().into_iter().map(Choice::Source));
-        choices.extend(
+        let mut overrides: Vec<Choice> = shapes().into_iter().map(Choice::Shape).collect();
+        overrides.extend(sources().into_iter().map(Choice::Source));
+        overrides.extend(
             (0..detectors().len()).flat_map(|i| [Choice::Detector(i), Choice::TransmissiveDetector(i)]),
         );
-        choices.extend(
+        overrides.extend(
             splats().into_iter().flat_map(|splat| [Choice::Splat(splat), Choice::SpectralSplat(splat)]),
         );
-        choices.extend(
+        overrides.extend(
             bsdfs().into_iter().flat_map(|kind| [Choice::Scattering(kind), Choice::TransmissiveLobe(kind)]),
         );
-        choices.extend(policies().into_iter().map(Choice::Policy));
-        choices.extend(path_samplings().into_iter().map(Choice::Paths));
-        choices.extend(samplers().into_iter().map(Choice::Sampler));
-        choices.extend([
+        overrides.extend(policies().into_iter().map(Choice::Policy));
+        overrides.extend(path_samplings().into_iter().map(Choice::Paths));
+        overrides.extend(samplers().into_iter().map(Choice::Sampler));
+        overrides.extend([
             Choice::Refractive,
             Choice::Reflective,
             Choice::ReflectiveBySpectrum,
@@ -300,19 +300,19 @@ impl Choice {
             Choice::Rotated,
             Choice::Moments,
             Choice::HostSums,
-            Choice::MainPath { absorbs: false },
-            Choice::MainPath { absorbs: true },
-            Choice::MainPathThroughDetector,
-            Choice::MainPathThroughGlass,
+            Choice::HotPath { absorbs: false },
+            Choice::HotPath { absorbs: true },
+            Choice::HotPathThroughDetector,
+            Choice::HotPathThroughGlass,
             Choice::Replicates,
             Choice::SumsInParts,
             Choice::PathFilter,
         ]);
-        choices.extend(path_sums().map(Choice::PathSums));
-        choices
+        overrides.extend(path_sums().map(Choice::PathSums));
+        overrides
     }
 
-    /// Brings the feature into a variant. Choices add up in any order.
+    /// Brings the feature into a variant. CpuOverrides add up in any order.
     pub fn apply(self, variant: &mut Variant) {
         let ir = &mut variant.ir;
         match self {
@@ -408,9 +408,9 @@ impl Choice {
                 Choice::Shape(ShapeKind::Mesh).apply(variant);
                 Choice::Shape(ShapeKind::Mesh).apply(variant);
             }
-            Choice::HostSums => variant.host_sums = true,
-            Choice::MainPath { absorbs } => {
-                variant.host_sums = true;
+            Choice::HostSums => variant.deferred_splats = true,
+            Choice::HotPath { absorbs } => {
+                variant.deferred_splats = true;
                 ir.surfaces.push(surface(ball(), Interaction::Refractive));
                 ir.detectors.push(detector(DetectorKind::Irradiance(grid(Splat::Hard)), true));
                 if absorbs {
@@ -418,52 +418,60 @@ impl Choice {
                 }
                 // Numbers of primitives shift as others come: the last detector is then some other, or a surface.
                 let primitives = vec![ir.surfaces.len() - 1, ir.surfaces.len() + ir.detectors.len() - 1];
-                // A ray of the pilot that stays far from everything, so that the others are clear of all of it.
+                // A profiled ray that stays far from everything, so that the others are clear of all of it.
                 let away = |z| DVec3::new(1e3, 1e3, 1e3 + z);
-                let way = Way { positions: [0.0, 1.0, 2.0].map(away).to_vec(), weights: vec![1.0; 3] };
-                variant.main_path =
-                    Some(PilotPath { primitives, ways: vec![way], escapes: false, share: 0.5 });
+                let way =
+                    SampledPath { positions: [0.0, 1.0, 2.0].map(away).to_vec(), weights: vec![1.0; 3] };
+                variant.hot_path =
+                    Some(ProfiledPath { primitives, samples: vec![way], escapes: false, share: 0.5 });
             }
             // Another path takes its place, and then there is the detector alone. In a trace of 16 events it is full, and
             // arrives at some places again.
-            Choice::MainPathThroughDetector => {
-                variant.host_sums = true;
+            Choice::HotPathThroughDetector => {
+                variant.deferred_splats = true;
                 ir.detectors.push(detector(DetectorKind::Irradiance(grid(Splat::Bilinear)), false));
                 let primitives = vec![ir.surfaces.len() + ir.detectors.len() - 1; 16];
                 let away = |z| DVec3::new(1e3, 1e3, 1e3 + f64::from(z % 5));
                 let mut weights = vec![0.5; 17];
                 weights[0] = 1.0;
-                let way = Way { positions: (0..17).map(away).collect(), weights };
-                variant.main_path.get_or_insert(PilotPath {
+                let way = SampledPath { positions: (0..17).map(away).collect(), weights };
+                variant.hot_path.get_or_insert(ProfiledPath {
                     primitives,
-                    ways: vec![way],
+                    samples: vec![way],
                     escapes: false,
                     share: 0.5,
                 });
             }
             // A path whose rays log what they weigh; another one takes its place.
-            Choice::MainPathThroughGlass => {
-                variant.host_sums = true;
+            Choice::HotPathThroughGlass => {
+                variant.deferred_splats = true;
                 ir.surfaces.push(surface(ball(), Interaction::Refractive));
                 ir.detectors.push(detector(DetectorKind::Irradiance(grid(Splat::Bilinear)), true));
                 ir.media[1].k.fill(1e-6);
                 let primitives = vec![ir.surfaces.len() - 1, ir.surfaces.len() + ir.detectors.len() - 1];
                 let way = |weight: f64| {
                     let away = |z| DVec3::new(1e3, 1e3, 1e3 + z);
-                    Way { positions: [0.0, 1.0, 2.0].map(away).to_vec(), weights: vec![1.0, 1.0, weight] }
+                    SampledPath {
+                        positions: [0.0, 1.0, 2.0].map(away).to_vec(),
+                        weights: vec![1.0, 1.0, weight],
+                    }
                 };
-                let main_path =
-                    PilotPath { primitives, ways: vec![way(0.5), way(0.75)], escapes: false, share: 0.5 };
-                // One side path misses the detector, the other one meets the ball again.
-                let escaping = |primitives| PilotPath {
+                let hot_path = ProfiledPath {
                     primitives,
-                    ways: main_path.ways.clone(),
+                    samples: vec![way(0.5), way(0.75)],
+                    escapes: false,
+                    share: 0.5,
+                };
+                // One side trace misses the detector, the other one meets the ball again.
+                let escaping = |primitives| ProfiledPath {
+                    primitives,
+                    samples: hot_path.samples.clone(),
                     escapes: true,
                     share: 0.1,
                 };
                 let ball = ir.surfaces.len() - 1;
-                variant.side_paths = vec![escaping(vec![ball]), escaping(vec![ball, ball])];
-                variant.main_path.get_or_insert(main_path);
+                variant.side_traces = vec![escaping(vec![ball]), escaping(vec![ball, ball])];
+                variant.hot_path.get_or_insert(hot_path);
             }
             // So many cells that those of all other choices add few parts.
             Choice::SumsInParts => {
@@ -520,9 +528,9 @@ impl Default for Variant {
             texel_bytes: 0,
             roulette_threshold: 0.0,
             sampler: Sampler::Pcg,
-            host_sums: false,
-            main_path: None,
-            side_paths: Vec::new(),
+            deferred_splats: false,
+            hot_path: None,
+            side_traces: Vec::new(),
             part_bytes: 1 << 27,
             derivatives: None,
             moments: SecondMoments::None,
@@ -540,11 +548,11 @@ impl Variant {
 
     /// The composed program.
     pub fn program(&self, tier: Tier) -> Program {
-        let wanted = Wanted {
-            host_sums: self.host_sums,
+        let wanted = CpuRequest {
+            deferred_splats: self.deferred_splats,
             side_by_side: true,
-            main_path: self.main_path.clone(),
-            side_paths: self.side_paths.clone(),
+            hot_path: self.hot_path.clone(),
+            side_traces: self.side_traces.clone(),
         };
         self.program_with(tier, &wanted)
     }
@@ -571,7 +579,7 @@ impl Variant {
             weights: (0..self.ir.sources.len()).map(|i| 1.0 + 0.25 * i as f64).collect(),
             sampler: self.sampler,
             moments: self.moments,
-            most_rays_per_invocation: if self.host_sums { 8 } else { 1 },
+            most_rays_per_invocation: if self.deferred_splats { 8 } else { 1 },
             vector_lanes: 0,
             part_bytes: self.part_bytes,
             live: self.derivatives.is_some(),
@@ -613,7 +621,7 @@ pub fn everything_split() -> Variant {
 pub fn everything_with_paths() -> Vec<Variant> {
     let with = |path_sums, split: bool| {
         let mut variant =
-            Variant { host_sums: false, main_path: None, side_paths: Vec::new(), ..everything() };
+            Variant { deferred_splats: false, hot_path: None, side_traces: Vec::new(), ..everything() };
         variant.path_sums = path_sums;
         variant.path_filter = Some(Arc::new(path_filter()));
         if split {

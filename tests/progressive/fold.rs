@@ -2,7 +2,7 @@
 
 use crate::zoo;
 use crate::zoo::forced::{Asked, Forced};
-use nsq_gpu::cpu::When;
+use nsq_gpu::cpu::Override;
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{FluxUnit, Ledger, Tally};
 use nsq_gpu::{Error, StandardError, TraceOptions, Tracer};
@@ -90,7 +90,7 @@ fn a_trace_that_is_taken_up_again_has_the_same_bits() {
 #[test]
 fn two_devices_by_turns_add_up_to_one() {
     // Rays that a path rejects; several sources; rays that outlive a dispatch; a tree in an image; a scattering bulk.
-    for (name, main_path) in [
+    for (name, hot_path) in [
         ("bench_lens", true),
         ("tessar_gaussian_beams", false),
         ("kaleidoscope", false),
@@ -102,17 +102,17 @@ fn two_devices_by_turns_add_up_to_one() {
             [(Precision::F32, StandardError::Off), (Precision::F64, StandardError::On)]
         {
             let alone = TraceOptions { standard_error, precision, ..options(10_007) };
-            let alone = alone.with(|choices| {
-                choices.main_path = When::forced(main_path);
-                choices.second_device = When::Never;
+            let alone = alone.with(|overrides| {
+                overrides.hot_path = Override::forced(hot_path);
+                overrides.second_device = Override::Never;
             });
-            let both = alone.with(|choices| {
-                choices.second_device = When::Always;
-                choices.side_paths = When::Always;
+            let both = alone.with(|overrides| {
+                overrides.second_device = Override::Always;
+                overrides.side_traces = Override::Always;
             });
             let alone_with_seed = |seed| Forced {
                 options: TraceOptions { seed, ..alone.options.clone() },
-                choices: alone.choices.clone(),
+                overrides: alone.overrides.clone(),
             };
             let mut tracer = both.tracer(zoo::gpu(), &ir).unwrap();
             tracer.set_pass_time(Duration::ZERO);
@@ -153,7 +153,7 @@ fn a_failure_of_the_caller_ends_the_trace_and_leaves_nothing_behind() {
             standard_error: if standard_error { StandardError::On } else { StandardError::Off },
             ..options(10_000)
         };
-        let options = options.with(|choices| choices.second_device = When::forced(second_device));
+        let options = options.with(|overrides| overrides.second_device = Override::forced(second_device));
         let mut tracer = options.tracer(zoo::gpu(), &ir).unwrap();
         tracer.set_pass_time(Duration::ZERO);
         let mut num_passes = 0;

@@ -1,6 +1,6 @@
-//! Options of a trace, and what the software wing is forced to do in it.
+//! Options of a trace, and what the CPU backend is forced to do in it.
 
-use nsq_gpu::cpu::{Choices, When};
+use nsq_gpu::cpu::{CpuOverrides, Override};
 use nsq_gpu::gpu::Gpu;
 use nsq_gpu::model::SceneIr;
 use nsq_gpu::run::{ForAdapter, Shaders};
@@ -13,7 +13,7 @@ pub struct Forced {
     /// What users can ask for.
     pub options: TraceOptions,
     /// What tests alone can.
-    pub choices: Choices,
+    pub overrides: CpuOverrides,
 }
 
 /// Options of a trace, forced or not.
@@ -22,7 +22,7 @@ pub trait Asked {
     fn trace_options(&self) -> &TraceOptions;
 
     /// What is forced.
-    fn choices(&self) -> Choices;
+    fn overrides(&self) -> CpuOverrides;
 
     /// A tracer with a change of its shader.
     fn tracer_with<'a>(
@@ -32,7 +32,7 @@ pub trait Asked {
         edit: impl Fn(String) -> String,
     ) -> Result<Tracer<'a>> {
         let shaders = Shaders { cache: None, edit: Some(&edit) };
-        Tracer::with(gpu, ir, self.trace_options(), ForAdapter::Forced(&self.choices()), shaders)
+        Tracer::with(gpu, ir, self.trace_options(), ForAdapter::Forced(&self.overrides()), shaders)
     }
 
     /// A tracer.
@@ -40,16 +40,16 @@ pub trait Asked {
         self.tracer_with(gpu, ir, |wgsl| wgsl)
     }
 
-    /// The same, with other choices.
-    fn with(&self, change: impl FnOnce(&mut Choices)) -> Forced {
-        let mut forced = Forced { options: self.trace_options().clone(), choices: self.choices() };
-        change(&mut forced.choices);
+    /// The same, with other overrides.
+    fn with(&self, change: impl FnOnce(&mut CpuOverrides)) -> Forced {
+        let mut forced = Forced { options: self.trace_options().clone(), overrides: self.overrides() };
+        change(&mut forced.overrides);
         forced
     }
 
     /// The same, with sums on the device.
     fn on_device(&self) -> Forced {
-        self.with(|choices| choices.host_sums = When::Never)
+        self.with(|overrides| overrides.deferred_splats = Override::Never)
     }
 }
 
@@ -58,8 +58,8 @@ impl Asked for TraceOptions {
         self
     }
 
-    fn choices(&self) -> Choices {
-        Choices::default()
+    fn overrides(&self) -> CpuOverrides {
+        CpuOverrides::default()
     }
 }
 
@@ -68,8 +68,8 @@ impl Asked for Forced {
         &self.options
     }
 
-    fn choices(&self) -> Choices {
-        self.choices.clone()
+    fn overrides(&self) -> CpuOverrides {
+        self.overrides.clone()
     }
 }
 
@@ -89,6 +89,6 @@ impl DerefMut for Forced {
 
 impl From<TraceOptions> for Forced {
     fn from(options: TraceOptions) -> Self {
-        Forced { options, choices: Choices::default() }
+        Forced { options, overrides: CpuOverrides::default() }
     }
 }

@@ -16,7 +16,7 @@ const END_HIT_TAP_SHIFT: u32 = 24u;
 const END_IN_CELL: u32 = 0x04000000u;
 const END_IN_TAPS: u32 = 0x08000000u;
 const END_WITHOUT_POSITION: u32 = 0x10000000u;
-const END_REJECTED: u32 = 0x40000000u;
+const END_GUARD_FAILED: u32 = 0x40000000u;
 
 // The entry so far. 0: the ray goes on, or ends on something that adds up the end itself.
 var<private> end: u32 = 0u;
@@ -67,9 +67,9 @@ fn end_without_position() {
     end = END_WITHOUT_POSITION;
 }
 
-// Ends a ray that the main path rejected at this event of the path.
-fn end_rejected(event: u32) {
-    end = END_REJECTED | event;
+// Ends a ray that failed a guard of the hot path at this event of the path.
+fn end_failed(event: u32) {
+    end = END_GUARD_FAILED | event;
 }
 
 fn log_end(index: u32) {

@@ -1,8 +1,8 @@
 // Rays that keep to the path log only where they arrive on its detectors, and their weights there unless the host knows
 // them (src/cpu/path/path_log.rs). Twin of path_log.entries.wgsl.
 //
-// Arrivals of a ray lie range.log_stride apart. The first arrival of a rejected ray is off all detectors, in the row of
-// the event that rejected the ray. Further arrivals of a rejected ray mean nothing.
+// Arrivals of a ray lie range.log_stride apart. The first arrival of a failed ray is off all detectors, in the row of
+// the event whose guard the ray failed. Further arrivals of a failed ray mean nothing.
 
 var<private> first_arrival: vec2<real> = vec2<real>(0.0, 0.0);
 var<private> first_weight: real = 0.0;
@@ -35,7 +35,7 @@ fn log_arrival(number: u32, ray: Ray, detector_index: u32) -> Arrival {
 }
 
 // Logs the same where nearly all rays are off the edges: the position itself decides which pixel is hit. Within
-// `edge_room` [pixels] of an edge, rounding could decide. Such a ray is rejected.
+// `edge_room` [pixels] of an edge, rounding could decide. Such a ray fails the guard.
 fn log_arrival_off_edges(number: u32, ray: Ray, detector_index: u32, edge_room: vec2<real>) -> Arrival {
     let detector = detector_of(detector_index);
     let p = local_position(ray, detector);

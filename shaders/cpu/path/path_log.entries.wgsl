@@ -32,7 +32,7 @@ fn end_on_path(ray: Ray, holds: bool) {
         restore_bins();
         // What it left in passing is overwritten.
         go_on_after_passes(0u);
-        end_rejected(kept_events);
+        end_failed(kept_events);
     }
     entries |= end;
     log_end(ray.index);

@@ -2,7 +2,7 @@
 // path_losses.deposited.wgsl.
 //
 // Only media take weight from such rays. Differences of quantised weights telescope, so the last weight determines all
-// losses. A ray is rejected if the number of segments that weaken it differs from the path's, or if it comes to
+// losses. A ray fails the guard if the number of segments that weaken it differs from the path's, or if it comes to
 // roulette.
 
 var<private> num_losses: u32 = 0u;
@@ -24,7 +24,7 @@ fn reach_next(ray: ptr<function, Ray>, hit: Hit) {
     (*ray).last = hit.primitive;
 }
 
-// As `attenuated`, where a segment takes little from nearly all rays. A ray that loses more is rejected.
+// As `attenuated`, where a segment takes little from nearly all rays. A ray that loses more fails the guard.
 fn attenuated_weakly(ray: Ray, distance: real) -> real {
     let absorption = medium_at(ray.medium, ray.wavelength).absorption;
     if absorption == 0.0 {

@@ -1,4 +1,4 @@
-// An invocation of trace_main_path follows two rays side by side, one workgroup's size apart. The stage itself is
+// An invocation of trace_hot_path follows two rays side by side, one workgroup's size apart. The stage itself is
 // composed.
 //
 // Each step of a ray waits for the step before. A processor looks some hundred instructions ahead, and meanwhile works

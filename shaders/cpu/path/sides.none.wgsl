@@ -1,4 +1,4 @@
-// No ray can be on a wrong side. Twin of sides.rejected.wgsl.
+// No ray can be on a wrong side. Twin of sides.guarded.wgsl.
 
 fn begin_ray() {
     begin_on_path();

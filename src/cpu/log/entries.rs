@@ -1,4 +1,4 @@
-//! Entries of the log of where rays end, as they lie in memory (shaders/cpu/log/entries.*.wgsl); those that are positions are in
+//! Entries of the deposit log, as they lie in memory (shaders/cpu/log/entries.*.wgsl); those that are positions are in
 //! [`crate::cpu::log::positions`].
 
 use crate::cpu::log::format::CELL_BITS;
@@ -24,8 +24,8 @@ pub const IN_TAPS: u32 = 1 << 27;
 pub const WITHOUT_POSITION: u32 = 1 << 28;
 /// The ray goes on.
 pub const PASSES: u32 = 1 << 29;
-/// It was rejected by the main path; the low bits are the event of the path at which it did.
-pub const REJECTED: u32 = 1 << 30;
+/// It failed a guard of the hot path; the low bits are the event of the path at which it did.
+pub const GUARD_FAILED: u32 = 1 << 30;
 
 /// An entry of the log.
 #[derive(Debug, Clone, Copy)]

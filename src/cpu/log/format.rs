@@ -1,4 +1,4 @@
-//! The log of where rays end, for the host to add up (`shaders/cpu/log/ends.logged.wgsl`).
+//! The deposit log, for the host to add up (`shaders/cpu/log/ends.logged.wgsl`).
 
 use crate::model::{Detector, DetectorKind, SceneIr, Splat};
 use crate::program::features::Features;
@@ -13,11 +13,11 @@ const MAX_LOGGED_DEPTH: u32 = 255;
 
 /// What the log of a program holds.
 #[derive(Debug, Clone, PartialEq)]
-pub struct EndLog {
+pub struct DepositLog {
     /// How an entry is written.
-    pub form: Form,
+    pub format: EntryFormat,
     /// What entries tell of bilinear taps.
-    pub taps: Taps,
+    pub taps: LoggedTaps,
     /// Most entries of a ray that passes detectors, beside that of its end; 0 where the device adds up what rays leave in
     /// passing.
     pub max_passes: u32,
@@ -27,9 +27,9 @@ pub struct EndLog {
     pub weights: Vec<f64>,
 }
 
-/// How an entry is written.
+/// How an entry is laid out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Form {
+pub enum EntryFormat {
     /// What it is alone, in 32 bits: sums follow from counts (entries.counts.wgsl).
     Counts,
     /// 64-bit integers: what it is, and the f32 of its weight; the f32 of the fractions (entries.packed.wgsl).
@@ -40,7 +40,7 @@ pub enum Form {
 
 /// What entries tell of bilinear taps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Taps {
+pub enum LoggedTaps {
     /// Nothing: no detector has any.
     None,
     /// Which cells they are, and how far between them the position is.
@@ -78,20 +78,20 @@ pub fn logs_passes(detector: &Detector, max_depth: u32) -> bool {
 }
 
 /// A position has no room for the detector, or for whether the ray passes.
-fn taps(ir: &SceneIr, grids: &[Grid], max_passes: u32, keeps_weight: bool) -> Taps {
+fn taps(ir: &SceneIr, grids: &[Grid], max_passes: u32, keeps_weight: bool) -> LoggedTaps {
     let bilinear =
         |detector: &Detector| detector.kind.grid().is_some_and(|grid| grid.splat == Splat::Bilinear);
     let mut with_taps = grids.iter().zip(&ir.detectors).filter(|(_, detector)| bilinear(detector));
     match (with_taps.next(), with_taps.next()) {
-        (None, _) => Taps::None,
+        (None, _) => LoggedTaps::None,
         (Some((&grid, detector)), None) if detector.kind.is_plain_grid() && max_passes == 0 => {
-            Taps::Positions { grid, has_weights: !keeps_weight }
+            LoggedTaps::Positions { grid, has_weights: !keeps_weight }
         }
-        _ => Taps::Fractions,
+        _ => LoggedTaps::Fractions,
     }
 }
 
-impl EndLog {
+impl DepositLog {
     /// The log of a scene. None where rays are split, because a launched ray then has many ends; where there are so many
     /// cells, or replicates of them, that the host would not find them in its caches; and none of pairs of f32, nor of f32 on
     /// a driver without 64-bit integers, such as SwiftShader, where the device adds up.
@@ -103,12 +103,12 @@ impl EndLog {
         counts_alone: bool,
     ) -> Option<Self> {
         let has_replicates = options.moments == SecondMoments::Replicates;
-        let form = match (options.precision, options.native) {
+        let format = match (options.precision, options.native) {
             (Precision::Df64, _) => return None,
-            _ if counts_alone => Form::Counts,
-            (Precision::F32, true) => Form::Packed,
+            _ if counts_alone => EntryFormat::Counts,
+            (Precision::F32, true) => EntryFormat::Packed,
             (Precision::F32, false) => return None,
-            (Precision::F64, _) => Form::Reals,
+            (Precision::F64, _) => EntryFormat::Reals,
         };
         let is_large = cells.num_cells > 1 << CELL_BITS;
         if has_replicates || features.splits || is_large {
@@ -123,38 +123,39 @@ impl EndLog {
         let logs_passes = ir.detectors.iter().any(|detector| logs_passes(detector, options.max_depth));
         let max_passes = if logs_passes { options.max_depth } else { 0 };
         let taps = taps(ir, &grids, max_passes, features.keeps_weight);
-        Some(EndLog { form, taps, max_passes, grids, weights: options.weights.clone() })
+        Some(DepositLog { format, taps, max_passes, grids, weights: options.weights.clone() })
     }
 
-    /// Words of an entry (`LOG_WORDS`), of [`EndLog::word_bytes`] each.
+    /// Words of an entry (`LOG_WORDS`), of [`DepositLog::word_bytes`] each.
     pub fn num_words(&self) -> u32 {
         let weights = u32::from(self.logs_weights());
-        match (self.form, self.taps) {
-            (Form::Counts, _) => 1,
-            (Form::Packed, Taps::None) => 1,
-            (Form::Packed, Taps::Fractions) => 2,
-            (Form::Packed, Taps::Positions { .. }) => 1 + weights,
-            (Form::Reals, Taps::None) => 2,
-            (Form::Reals, Taps::Fractions) => 4,
-            (Form::Reals, Taps::Positions { .. }) => 2 + weights,
+        match (self.format, self.taps) {
+            (EntryFormat::Counts, _) => 1,
+            (EntryFormat::Packed, LoggedTaps::None) => 1,
+            (EntryFormat::Packed, LoggedTaps::Fractions) => 2,
+            (EntryFormat::Packed, LoggedTaps::Positions { .. }) => 1 + weights,
+            (EntryFormat::Reals, LoggedTaps::None) => 2,
+            (EntryFormat::Reals, LoggedTaps::Fractions) => 4,
+            (EntryFormat::Reals, LoggedTaps::Positions { .. }) => 2 + weights,
         }
     }
 
     /// True if entries have positions in place of taps (`LOGS_POSITIONS`).
     pub fn logs_positions(&self) -> bool {
-        matches!(self.taps, Taps::Positions { .. })
+        matches!(self.taps, LoggedTaps::Positions { .. })
     }
 
     /// True if entries have weights (`LOGS_WEIGHTS`).
     pub fn logs_weights(&self) -> bool {
-        self.form != Form::Counts && !matches!(self.taps, Taps::Positions { has_weights: false, .. })
+        self.format != EntryFormat::Counts
+            && !matches!(self.taps, LoggedTaps::Positions { has_weights: false, .. })
     }
 
     /// Bytes of a word.
     pub fn word_bytes(&self) -> u32 {
-        match self.form {
-            Form::Counts => 4,
-            Form::Packed | Form::Reals => 8,
+        match self.format {
+            EntryFormat::Counts => 4,
+            EntryFormat::Packed | EntryFormat::Reals => 8,
         }
     }
 }

@@ -1,8 +1,9 @@
-//! The log of where rays end, which the host adds up.
+//! The deposit log, which the host adds up.
 
-pub mod adder;
 pub(crate) mod bits;
+pub mod buffers;
 pub(crate) mod corners;
+pub mod deposit_sums;
 pub(crate) mod entries;
 pub mod format;
 pub(crate) mod positions;

@@ -1,10 +1,10 @@
-//! Composition of the stages that follow paths: the main path, and the side paths.
+//! Composition of the stages that follow paths: the hot path, and the side traces.
 
-use crate::cpu::added::CpuExtension;
-use crate::cpu::path::clearance::{Clearance, Exit, Sign};
-use crate::cpu::path::main_path::{Crossing, MainPath, MainPathEvent};
+use crate::cpu::path::hot_path::{Crossing, HotPath, HotPathEvent};
+use crate::cpu::path::miss_test::{Exit, MissTest, Sign};
 use crate::cpu::path::path_log::{PathLog, Weight};
-use crate::cpu::path::side_path;
+use crate::cpu::path::side_trace;
+use crate::cpu::request::CpuShader;
 use crate::error::{Error, Result};
 use crate::model::shapes::Normal;
 use crate::model::{Frame, Shape};
@@ -69,28 +69,28 @@ impl State {
 
 /// The stages of the paths of a module.
 pub(crate) struct Stages<'a> {
-    pub(crate) extension: &'a CpuExtension,
+    pub(crate) extension: &'a CpuShader,
     pub(crate) composition: &'a Composition<'a>,
 }
 
 impl Stages<'_> {
-    /// All of them: that of the main path, then those of the side paths.
+    /// All of them: that of the hot path, then those of the side traces.
     pub(crate) fn text(&self) -> Result<String> {
         let extension = self.extension;
-        let Some(main_path) = &extension.main_path else { return Ok(String::new()) };
-        let walk = self.walk(0, main_path, extension.path_log.as_ref())?;
+        let Some(hot_path) = &extension.hot_path else { return Ok(String::new()) };
+        let walk = self.walk(0, hot_path, extension.path_log.as_ref())?;
         let mut text = match extension.has_pairs {
             true => self.states_of_pair() + &self.stage_of_pair(&walk),
-            false => self.path_stage(0, "trace_main_path", &walk),
+            false => self.path_stage(0, "trace_hot_path", &walk),
         };
-        for (number, side) in extension.side_paths.iter().enumerate() {
+        for (number, side) in extension.side_traces.iter().enumerate() {
             let walk = self.walk(1 + number, &side.path, side.log.as_ref())?;
-            text.push_str(&self.path_stage(1 + number, &side_path::entry_point(number), &walk));
+            text.push_str(&self.path_stage(1 + number, &side_trace::entry_point(number), &walk));
         }
         Ok(text)
     }
 
-    /// The stage of a path, whose rays are those of the range, or, on a side path, of those that are listed.
+    /// The stage of a path, whose rays are those of the range, or, on a side trace, of those that are listed.
     fn path_stage(&self, number: usize, entry_point: &str, walk: &Walk) -> String {
         let key = if number == 0 { "key_in_range" } else { "key_of" };
         let follow = match self.extension.rays_per_invocation {
@@ -110,7 +110,7 @@ impl Stages<'_> {
         )
     }
 
-    /// The stage of the main path, of whose rays each invocation follows two.
+    /// The stage of the hot path, of whose rays each invocation follows two.
     fn stage_of_pair(&self, walk: &Walk) -> String {
         let [a, b] = PAIR;
         let births: String = PAIR
@@ -122,13 +122,13 @@ impl Stages<'_> {
              let index{b} = second_of_pair(invocation, index{a});\n    begin_ray();\n{births}{}}}\n{}",
             walk.functions,
             walk.of_pair(),
-            entry("trace_main_path", "    follow_pair(invocation);\n")
+            entry("trace_hot_path", "    follow_pair(invocation);\n")
         )
     }
 
     /// The variables that each ray of a pair has for itself, and what brings them to where the functions of the path look.
     fn states_of_pair(&self) -> String {
-        let mut files = vec![shader!("cpu/path/main_path.wgsl"), shader!("cpu/path/path_log.arrivals.wgsl")];
+        let mut files = vec![shader!("cpu/path/hot_path.wgsl"), shader!("cpu/path/path_log.arrivals.wgsl")];
         if self.extension.logs_weights() {
             files.push(shader!("cpu/path/path_losses.reported.wgsl"));
         }
@@ -152,7 +152,7 @@ impl Stages<'_> {
 
     /// A path: per event, the nearest of the primitives that can be met before the next one of the path, if the ray is clear of
     /// those that are not searched.
-    fn walk(&self, number: usize, path: &MainPath, path_log: Option<&PathLog>) -> Result<Walk> {
+    fn walk(&self, number: usize, path: &HotPath, path_log: Option<&PathLog>) -> Result<Walk> {
         let mut functions = String::new();
         let mut statements = vec!["var holds@ = true;".to_string()];
         let mut last = None;
@@ -161,10 +161,10 @@ impl Stages<'_> {
             let head = format!("nearest_at_{number}_{step}(ray: Ray)");
             let nearer = event.at_nearer_crossing.then_some(event.primitive);
             functions.push_str(&self.composition.nearest_of(&head, "Hit(MISS, NONE)", nearer, candidates)?);
-            let head = format!("is_clear_at_{number}_{step}(ray: Ray, distance: real)");
-            functions.push_str(&self.is_clear_of(&head, &event.passed)?);
+            let head = format!("misses_at_{number}_{step}(ray: Ray, distance: real)");
+            functions.push_str(&self.misses_all(&head, &event.passed)?);
             statements.push(format!("let hit_{step}@ = nearest_at_{number}_{step}(ray@);"));
-            statements.push(holds(&format!("is_clear_at_{number}_{step}(ray@, hit_{step}@.distance)")));
+            statements.push(holds(&format!("misses_at_{number}_{step}(ray@, hit_{step}@.distance)")));
             statements.extend(match event.primitive < self.composition.ir.surfaces.len() {
                 true => vec![self.meeting(step, event)?],
                 false => self.arrival(step, event, path_log)?,
@@ -176,10 +176,10 @@ impl Stages<'_> {
             let candidates = missed.candidates.iter().map(|&i| (i, (last == Some(i)).to_string()));
             let head = format!("nearest_behind_{number}(ray: Ray)");
             functions.push_str(&self.composition.nearest_of(&head, "Hit(MISS, NONE)", None, candidates)?);
-            let head = format!("is_clear_behind_{number}(ray: Ray)");
-            functions.push_str(&self.is_clear_of(&head, &missed.passed)?);
+            let head = format!("misses_behind_{number}(ray: Ray)");
+            functions.push_str(&self.misses_all(&head, &missed.passed)?);
             statements.push(holds(&format!("(nearest_behind_{number}(ray@).primitive == NONE)")));
-            statements.push(holds(&format!("is_clear_behind_{number}(ray@)")));
+            statements.push(holds(&format!("misses_behind_{number}(ray@)")));
             statements.push("ray@.fate = ESCAPED;".to_string());
         }
         if let Some(log) = path_log {
@@ -203,7 +203,7 @@ impl Stages<'_> {
     }
 
     /// An event of the path on a surface.
-    fn meeting(&self, step: usize, event: &MainPathEvent) -> Result<String> {
+    fn meeting(&self, step: usize, event: &HotPathEvent) -> Result<String> {
         let primitive = event.primitive;
         let surfaces =
             tables::surface_records(self.composition.ir, self.composition.centre, &self.composition.features);
@@ -219,8 +219,8 @@ impl Stages<'_> {
     }
 
     /// An event of the path on a detector.
-    fn arrival(&self, step: usize, event: &MainPathEvent, path_log: Option<&PathLog>) -> Result<Vec<String>> {
-        let MainPathEvent { primitive, ends, .. } = *event;
+    fn arrival(&self, step: usize, event: &HotPathEvent, path_log: Option<&PathLog>) -> Result<Vec<String>> {
+        let HotPathEvent { primitive, ends, .. } = *event;
         let Some(log) = path_log else {
             let does = if ends { "ends_on_detector" } else { "passes" };
             return Ok(vec![holds(&format!("{does}(&ray@, hit_{step}@, {primitive}u)"))]);
@@ -261,27 +261,27 @@ impl Stages<'_> {
     }
 
     /// A function that tells whether a ray is clear of what is passed until it has gone `distance`.
-    fn is_clear_of(&self, head: &str, passed: &[(usize, Clearance)]) -> Result<String> {
+    fn misses_all(&self, head: &str, passed: &[(usize, MissTest)]) -> Result<String> {
         let primitives = crate::model::primitives::primitives(self.composition.ir);
-        let mut text = format!("fn {head} -> bool {{\n    var clear = true;\n");
-        for &(i, clearance) in passed {
-            let _ = writeln!(text, "    clear = clear & {};", self.is_clear(&primitives[i], clearance)?);
+        let mut text = format!("fn {head} -> bool {{\n    var misses = true;\n");
+        for &(i, miss_test) in passed {
+            let _ = writeln!(text, "    misses = misses & {};", self.misses(&primitives[i], miss_test)?);
         }
-        text.push_str("    return clear;\n}\n");
+        text.push_str("    return misses;\n}\n");
         Ok(text)
     }
 
     /// A call that tells whether the ray is clear of one of them.
-    fn is_clear(&self, (frame, shape): &(Frame, Shape), clearance: Clearance) -> Result<String> {
+    fn misses(&self, (frame, shape): &(Frame, Shape), miss_test: MissTest) -> Result<String> {
         let (o, d) = self.composition.in_frame(frame)?;
-        let (keeps_pace, distance) = match clearance.exit {
+        let (keeps_pace, distance) = match miss_test.exit {
             None => (String::new(), "distance".to_string()),
             Some(Exit { plane, pace }) => {
                 let [plane, pace] = [self.real(plane)?, self.real(pace)?];
                 (format!("keeps_pace({d}, {pace}) & "), format!("exit_distance({o}, {plane}, {pace})"))
             }
         };
-        let sign = match clearance.sign {
+        let sign = match miss_test.sign {
             Sign::Leaves => format!("leaves({o}, {d}, {}, {distance})", self.quadric(shape)?),
             Sign::Beside { low, high } => {
                 let [low, high] = [self.real(low)?, self.real(high)?];

@@ -1,24 +1,25 @@
-//! How rays follow paths: all of them the main path first, those that it rejects a side path, and the others the plain stages.
+//! How rays follow paths: all of them the hot path first, those that fail its guards a side trace, and the others the plain
+//! stages.
 
-use crate::cpu::added::CpuExtension;
-use crate::cpu::logs::{EndLogs, Rays};
+use crate::cpu::log::buffers::{LogBuffers, Rays};
 use crate::cpu::path::pays;
-use crate::cpu::{Cpu, When};
+use crate::cpu::request::CpuShader;
+use crate::cpu::{Cpu, Override};
 use crate::engine::Engine;
 use crate::error::Result;
 use crate::program::{Program, RayRange};
 use crate::result::Tally;
 
 impl Cpu {
-    /// Whether new rays should follow the main path, if there is one: always where that was asked for.
+    /// Whether new rays should follow the hot path, if there is one: always where that was asked for.
     pub(in crate::cpu) fn path_pays(&self, program: &Program) -> bool {
-        let pays = |logs: &EndLogs| pays::pays(logs.num_followed_and_rejected());
-        CpuExtension::of_program(program).main_path.is_none()
-            || self.choices.main_path == When::Always
+        let pays = |logs: &LogBuffers| pays::pays(logs.num_followed_and_failed());
+        CpuShader::of_program(program).hot_path.is_none()
+            || self.overrides.hot_path == Override::Always
             || self.logs.as_ref().is_none_or(pays)
     }
 
-    /// Traces rays of a source that the main path has rejected along those side paths that the device follows whose turn it
+    /// Traces rays of a source that failed a guard of the hot path along those side traces that the device follows whose turn it
     /// is, while so many wait for these; false if there were fewer.
     pub(in crate::cpu) fn follow_sides(
         &mut self,
@@ -30,7 +31,7 @@ impl Cpu {
         let mut were_enough = false;
         while let Some(logs) = &mut self.logs
             && let (device, _) = logs.turn()
-            && let Some((side, ids)) = logs.rejected().take_of_side(source, device, at_least, most)
+            && let Some((side, ids)) = logs.fallback().take_of_side(source, device, at_least, most)
         {
             were_enough = true;
             let range = self.listed(engine, source, &ids);
@@ -41,7 +42,7 @@ impl Cpu {
 
     /// The same of all sources, however few wait, unless that does not pay.
     pub(in crate::cpu) fn follow_last_sides(&mut self, engine: &mut Engine) -> Result<bool> {
-        self.logs.as_mut().into_iter().for_each(|logs| logs.rejected().give_up_few());
+        self.logs.as_mut().into_iter().for_each(|logs| logs.fallback().give_up_few());
         let mut were_any = false;
         for device in 0..1 + self.second.len() {
             for source in 0..engine.plan.rays.len() {
@@ -52,24 +53,24 @@ impl Cpu {
         Ok(were_any)
     }
 
-    /// Traces the rays of a source that the main path has rejected and that follow no other, while so many wait. As long as
+    /// Traces the rays of a source that failed a guard of the hot path and that follow no other, while so many wait. As long as
     /// these are few, the first device does: so it alone compiles the stage.
-    pub(in crate::cpu) fn retrace_rejected(
+    pub(in crate::cpu) fn trace_fallback(
         &mut self,
         engine: &mut Engine,
         source: usize,
         at_least: u32,
     ) -> Result<()> {
         while let Some(logs) = &mut self.logs
-            && logs.rejected().num(source) >= at_least as usize
+            && logs.fallback().num(source) >= at_least as usize
         {
             if self.path_pays(&engine.plan.program) {
                 self.logs.as_mut().map_or(Ok(()), |logs| logs.pass_turn_to(0))?;
             }
             let Some(logs) = &mut self.logs else { break };
-            let ids = logs.rejected().take(source, engine.size.rays() as usize);
+            let ids = logs.fallback().take(source, engine.size.rays() as usize);
             let range = self.listed(engine, source, &ids);
-            self.dispatch(engine, &range, Rays::Rejected)?;
+            self.dispatch(engine, &range, Rays::Fallback)?;
         }
         Ok(())
     }
@@ -81,18 +82,18 @@ impl Cpu {
         if let Some(buffer) = self.ids.get(number) {
             gpu.queue.write_buffer(buffer, 0, bytemuck::cast_slice(ids));
         }
-        let log_stride = self.logs.as_ref().map_or(0, EndLogs::stride);
+        let log_stride = self.logs.as_ref().map_or(0, LogBuffers::stride);
         let reached = engine.undrained.reached;
         RayRange { first: 0, count: ids.len() as u32, source, log_stride, reached }
     }
 
     /// Marks in a tally what the rays of this trace have reached that kept to a path.
     pub(in crate::cpu) fn mark_paths_reached(&self, program: &Program, tally: &mut Tally) {
-        let added = CpuExtension::of_program(program);
-        let (Some(main), Some(logs)) = (&added.main_path, &self.logs) else { return };
-        let sides = added.side_paths.iter().map(|side| &side.path).zip(logs.num_along_sides());
-        let paths = std::iter::once((main, logs.num_followed_and_rejected())).chain(sides);
-        let kept = paths.filter(|(_, [num_followed, num_rejected])| num_followed > num_rejected);
+        let added = CpuShader::of_program(program);
+        let (Some(main), Some(logs)) = (&added.hot_path, &self.logs) else { return };
+        let sides = added.side_traces.iter().map(|side| &side.path).zip(logs.num_along_sides());
+        let paths = std::iter::once((main, logs.num_followed_and_failed())).chain(sides);
+        let kept = paths.filter(|(_, [num_followed, num_failed])| num_followed > num_failed);
         for event in kept.flat_map(|(path, _)| &path.events) {
             let surface = tally.surfaces.get_mut(event.primitive);
             surface.into_iter().for_each(|surface| surface.reached = true);

@@ -1,13 +1,14 @@
-//! The path that most rays take, and those of most others, which have stages of their own.
+//! The hot path, which most rays take, and the side traces of most others: each has a stage of its own, whose guards check
+//! what the stage assumes. A ray that fails a guard falls back on the plain stages.
 
-pub(crate) mod adder;
-pub mod clearance;
 pub(crate) mod compose;
+pub mod fallback;
 mod follow;
-pub mod main_path;
+pub mod hot_path;
+pub mod miss_test;
 pub mod path_log;
+pub(crate) mod path_sums;
 pub mod pays;
-pub mod pilot;
-pub mod rejected;
-pub mod side_path;
-pub mod ways;
+pub mod profile;
+pub mod sampled_path;
+pub mod side_trace;

@@ -1,14 +1,14 @@
-//! What rays log that keep to the main path, or to a side path: where they arrive on its detectors, and what they weigh
-//! there, or where they end, if they differ in that.
+//! The record that a ray on a hot path or a side trace writes: its hit positions on detectors and, where weights differ,
+//! its weight or its end.
 //!
 //! Where all of them weigh the same at the same event, the host knows how much they leave. Where they arrive on a detector
 //! once more at the place of before, as between parallel mirrors, it knows that, too. Where media alone take something from
-//! them, their last weight tells what these took. The pilot only says what may be so: the stage looks at each ray, and one
-//! that weighs something else, loses something elsewhere or arrives elsewhere was rejected.
+//! them, their last weight tells what these took. The profile only says what may be so: guards of the stage look at each ray.
+//! A ray that weighs something else, loses something elsewhere or arrives elsewhere fails.
 
-use crate::cpu::log::format::{EndLog, Form, Grid};
-use crate::cpu::path::clearance::{Pilot, Stretch};
-use crate::cpu::path::main_path::{Crossing, LEAST_CLEAR, MainPath, MainPathEvent, PilotPath, Way};
+use crate::cpu::log::format::{DepositLog, EntryFormat, Grid};
+use crate::cpu::path::hot_path::{Crossing, HotPath, HotPathEvent, LEAST_ASSUMED, ProfiledPath, SampledPath};
+use crate::cpu::path::miss_test::{ProfiledRays, Segment};
 use crate::model::{Detector, DetectorKind, Interaction, SceneIr, Splat};
 use crate::program::features::Features;
 use crate::program::layout::tables::{CELL_DEPTH_KILLED, CELL_ESCAPED, Cells};
@@ -18,7 +18,7 @@ use crate::program::{Precision, ProgramOptions};
 #[derive(Debug, Clone, PartialEq)]
 pub struct PathLog {
     /// What each ray logs, in the order of the path: its positions in pixels, and its weights if they are to be logged.
-    /// Where there is none, it logs one place that means nothing but that it was not rejected, with its last weight.
+    /// Where there is none, it logs one place that means nothing but that it failed no guard, with its last weight.
     pub places: Vec<Place>,
     /// What it leaves where it ends, unless that is on a detector.
     pub end: Option<LedgerEnd>,
@@ -82,14 +82,14 @@ impl Weight {
     }
 }
 
-/// The position alone tells the pixel as long as this share of the rays is off the edges at all places: the others are rejected.
+/// The position alone tells the pixel as long as this share of the rays is off the edges at all places: the others fail the guard.
 const LEAST_OFF_EDGES: f64 = 0.99;
 
-/// [`Place::edge_room`] where a pilot's rays arrive on a detector.
+/// [`Place::edge_room`] where the profiled rays arrive on a detector.
 /// `pixel_position` in splat.wgsl rounds the sum x + half, the quotient, for which WGSL allows 2.5 ulp (section 15.7.4), and
 /// what is left after 0.5; `pixel_of` the product of the pitch and what is left after half: 12 units of roundoff of as many
 /// pixels as there are, if each may be rounded either way, and some room.
-fn edge_room(detector: &Detector, precision: Precision, pilot: &mut Pilot) -> Option<[f64; 2]> {
+fn edge_room(detector: &Detector, precision: Precision, profile: &mut ProfiledRays) -> Option<[f64; 2]> {
     let grid = detector.kind.grid().filter(|_| detector.kind.is_plain_grid())?;
     let size = [grid.num_pixels_x, grid.num_pixels_y];
     let room = size.map(|num_pixels| 16.0 * f64::from(num_pixels) / precision.significands());
@@ -97,21 +97,21 @@ fn edge_room(detector: &Detector, precision: Precision, pilot: &mut Pilot) -> Op
         let edge = (at / width + 0.5) * f64::from(num_pixels);
         (edge - edge.round()).abs()
     };
-    let is_off = |Stretch { to, .. }: &Stretch| {
+    let is_off = |Segment { to, .. }: &Segment| {
         let by_axis = [from_edge(to.x, grid.width, size[0]), from_edge(to.y, grid.height, size[1])];
         by_axis.iter().zip(room).all(|(from_edge, room)| *from_edge > room)
     };
-    pilot.takes(&detector.frame, is_off).then_some(room)
+    profile.takes(&detector.frame, is_off).then_some(room)
 }
 
 /// Of one log; each device has two.
 const MAX_BYTES: u64 = 16 << 20;
 
-impl EndLog {
-    /// Bytes of all that a ray may log, along the main path, if that has a log of its own, or not.
+impl DepositLog {
+    /// Bytes of all that a ray may log, along the hot path, if that has a log of its own, or not.
     pub fn ray_bytes(&self, path: Option<&PathLog>) -> u64 {
         let entries = u64::from(self.max_passes + 1) * u64::from(self.num_words() * self.word_bytes());
-        entries.max(path.map_or(0, |path| path.ray_bytes(self.form)))
+        entries.max(path.map_or(0, |path| path.ray_bytes(self.format)))
     }
 
     /// Rays of a dispatch, so many at most that the log stays small.
@@ -121,31 +121,31 @@ impl EndLog {
 }
 
 impl PathLog {
-    /// The log of the main path; none where rays arrive on no detector, or on one that does not keep to bilinear taps, or
+    /// The log of the hot path; none where rays arrive on no detector, or on one that does not keep to bilinear taps, or
     /// with weights that differ, unless by what media took.
-    pub fn of(scene: &LoggedScene, path: &MainPath, pilot: &PilotPath) -> Option<Self> {
-        let log = PathLog::with_known_weights(scene, path, pilot)
-            .or_else(|| PathLog::with_logged_weights(scene, path, pilot))?;
+    pub fn of(scene: &LoggedScene, path: &HotPath, profile: &ProfiledPath) -> Option<Self> {
+        let log = PathLog::with_known_weights(scene, path, profile)
+            .or_else(|| PathLog::with_logged_weights(scene, path, profile))?;
         (!log.places.is_empty()).then_some(log)
     }
 
-    /// The log of a side path beside that of the main path, whose form it must have; it may be without a place.
+    /// The log of a side trace beside that of the hot path, whose format it must have; it may be without a place.
     pub fn beside(
-        main_path: &PathLog,
+        hot_path: &PathLog,
         scene: &LoggedScene,
-        path: &MainPath,
-        pilot: &PilotPath,
+        path: &HotPath,
+        profile: &ProfiledPath,
     ) -> Option<Self> {
-        let log = match main_path.attenuating_legs {
-            None => PathLog::with_known_weights(scene, path, pilot),
-            Some(_) => PathLog::with_logged_weights(scene, path, pilot),
+        let log = match hot_path.attenuating_legs {
+            None => PathLog::with_known_weights(scene, path, profile),
+            Some(_) => PathLog::with_logged_weights(scene, path, profile),
         };
-        log.filter(|log| log.num_rows() <= main_path.num_rows())
+        log.filter(|log| log.num_rows() <= hot_path.num_rows())
     }
 
-    fn with_known_weights(scene: &LoggedScene, path: &MainPath, pilot: &PilotPath) -> Option<Self> {
-        let weights = KnownWeights::of(pilot, scene.options, scene.features);
-        let places = places(scene, path, pilot, |event| weights.on_arrival(event))?;
+    fn with_known_weights(scene: &LoggedScene, path: &HotPath, profile: &ProfiledPath) -> Option<Self> {
+        let weights = KnownWeights::of(profile, scene.options, scene.features);
+        let places = places(scene, path, profile, |event| weights.on_arrival(event))?;
         let end = match ledger_end(scene, path, path.events.last()?) {
             Some((cell, event)) => Some(LedgerEnd { cell, weight: weights.on_arrival(event)? }),
             None => None,
@@ -154,9 +154,9 @@ impl PathLog {
         Some(PathLog { places, end, attenuating_legs: None, tells_all })
     }
 
-    fn with_logged_weights(scene: &LoggedScene, path: &MainPath, pilot: &PilotPath) -> Option<Self> {
-        let attenuating_legs = Some(attenuating_legs(scene, path, pilot)?);
-        let places = places(scene, path, pilot, |_| Some(Weight::Logged))?;
+    fn with_logged_weights(scene: &LoggedScene, path: &HotPath, profile: &ProfiledPath) -> Option<Self> {
+        let attenuating_legs = Some(attenuating_legs(scene, path, profile)?);
+        let places = places(scene, path, profile, |_| Some(Weight::Logged))?;
         let end = ledger_end(scene, path, path.events.last()?)
             .map(|(cell, _)| LedgerEnd { cell, weight: Weight::Logged });
         let arrive_once = places.iter().all(|place| place.arrivals.len() == 1);
@@ -172,9 +172,9 @@ impl PathLog {
     }
 
     /// Bytes of all that a ray logs.
-    pub fn ray_bytes(&self, form: Form) -> u64 {
+    pub fn ray_bytes(&self, format: EntryFormat) -> u64 {
         let num_reals = if self.attenuating_legs.is_some() { 4 } else { 2 };
-        let real_bytes = if form == Form::Reals { 8 } else { 4 };
+        let real_bytes = if format == EntryFormat::Reals { 8 } else { 4 };
         self.num_rows() as u64 * num_reals * real_bytes
     }
 
@@ -195,7 +195,7 @@ pub struct LoggedScene<'a> {
     /// Its cells.
     pub cells: &'a Cells,
     /// The log that other rays write.
-    pub log: &'a EndLog,
+    pub log: &'a DepositLog,
     /// How the scene is specialised.
     pub options: &'a ProgramOptions,
     /// What it needs.
@@ -204,20 +204,20 @@ pub struct LoggedScene<'a> {
 
 /// What is known, before a trace, of the weights of a path's rays.
 struct KnownWeights<'a> {
-    ways: &'a [Way],
+    samples: &'a [SampledPath],
     /// Rays keep the weight that they are born with.
     are_kept: bool,
-    /// All rays are born with the same one. Several sources share the rays of a trace otherwise than those of its pilot.
+    /// All rays are born with the same one. Several sources share the rays of a trace otherwise than the profiling run does.
     are_born_alike: bool,
 }
 
 impl<'a> KnownWeights<'a> {
-    fn of(pilot: &'a PilotPath, options: &ProgramOptions, features: &Features) -> Self {
-        let born = same(&pilot.ways, |way| way.weights.first().copied());
+    fn of(profile: &'a ProfiledPath, options: &ProgramOptions, features: &Features) -> Self {
+        let born = same(&profile.samples, |sample| sample.weights.first().copied());
         let are_born_alike = born.is_some_and(|born| {
             options.weights.iter().all(|&weight| options.precision.nearest(weight) == born)
         });
-        KnownWeights { ways: &pilot.ways, are_kept: features.keeps_weight, are_born_alike }
+        KnownWeights { samples: &profile.samples, are_kept: features.keeps_weight, are_born_alike }
     }
 
     /// What all weigh that arrive at an event, if that is known.
@@ -226,7 +226,7 @@ impl<'a> KnownWeights<'a> {
             return Some(Weight::Born);
         }
         // Each ray is born before the first event.
-        let weight = same(self.ways, |way| way.weights.get(event + 1).copied());
+        let weight = same(self.samples, |sample| sample.weights.get(event + 1).copied());
         weight.filter(|weight| self.are_born_alike && weight.is_finite()).map(Weight::Known)
     }
 }
@@ -235,17 +235,17 @@ impl<'a> KnownWeights<'a> {
 /// not keep to bilinear taps.
 fn places(
     scene: &LoggedScene,
-    path: &MainPath,
-    pilot: &PilotPath,
+    path: &HotPath,
+    profile: &ProfiledPath,
     weight: impl Fn(usize) -> Option<Weight>,
 ) -> Option<Vec<Place>> {
     let &LoggedScene { ir, log, options, .. } = scene;
-    if log.form == Form::Counts {
+    if log.format == EntryFormat::Counts {
         return None;
     }
-    let ways = &pilot.ways;
+    let samples = &profile.samples;
     let mut places: Vec<Place> = Vec::new();
-    let mut off_edges = Pilot::new(ways, LEAST_OFF_EDGES);
+    let mut off_edges = ProfiledRays::new(samples, LEAST_OFF_EDGES);
     for (number, event) in path.events.iter().enumerate() {
         let Some(detector) = event.primitive.checked_sub(ir.surfaces.len()) else { continue };
         if !is_bilinear(&ir.detectors.get(detector)?.kind) {
@@ -253,7 +253,7 @@ fn places(
         }
         let arrival = Arrival { event: number, weight: weight(number)? };
         let is_there = |place: &&mut Place| {
-            place.detector == detector && arrive_together(ways, place.arrivals[0].event, number)
+            place.detector == detector && arrive_together(samples, place.arrivals[0].event, number)
         };
         match places.iter_mut().find(is_there) {
             Some(place) => place.arrivals.push(arrival),
@@ -269,7 +269,7 @@ fn places(
 }
 
 /// Where the weight of a path's rays goes after its last event, and at which event, unless a detector takes it.
-fn ledger_end(scene: &LoggedScene, path: &MainPath, last: &MainPathEvent) -> Option<(u32, usize)> {
+fn ledger_end(scene: &LoggedScene, path: &HotPath, last: &HotPathEvent) -> Option<(u32, usize)> {
     let num_events = path.events.len();
     match (last.ends, last.primitive < scene.ir.surfaces.len()) {
         (true, false) => None,
@@ -283,32 +283,35 @@ fn ledger_end(scene: &LoggedScene, path: &MainPath, last: &MainPathEvent) -> Opt
 /// (shaders/math/math.f64.wgsl), and some room.
 const LEAST_LEFT: f64 = 0.72;
 
-/// Whether media take little, on each of their ways, from nearly all rays of a pilot that lose to media alone.
-pub fn media_absorb_weakly(PilotPath { ways, .. }: &PilotPath) -> bool {
-    let loses_little =
-        |way: &&Way| way.weights.windows(2).all(|weights| weights[1] >= LEAST_LEFT * weights[0]);
-    ways.iter().filter(loses_little).count() as f64 >= LEAST_CLEAR * ways.len() as f64
+/// Whether media take little, on each of their ways, from nearly all profiled rays that lose to media alone.
+pub fn media_absorb_weakly(ProfiledPath { samples, .. }: &ProfiledPath) -> bool {
+    let loses_little = |sample: &&SampledPath| {
+        sample.weights.windows(2).all(|weights| weights[1] >= LEAST_LEFT * weights[0])
+    };
+    samples.iter().filter(loses_little).count() as f64 >= LEAST_ASSUMED * samples.len() as f64
 }
 
-/// On how many of its ways each ray of the pilot lost something; none where they differ in that, or where something else
+/// On how many of its ways each profiled ray lost something; none where they differ in that, or where something else
 /// than media takes from the rays of a path: surfaces, or roulette.
-fn attenuating_legs(scene: &LoggedScene, path: &MainPath, pilot: &PilotPath) -> Option<u32> {
-    let (&LoggedScene { ir, options, features, .. }, ways) = (scene, &pilot.ways);
+fn attenuating_legs(scene: &LoggedScene, path: &HotPath, profile: &ProfiledPath) -> Option<u32> {
+    let (&LoggedScene { ir, options, features, .. }, samples) = (scene, &profile.samples);
     let is_on_path = |i: u32| path.events.iter().any(|event| event.primitive == i as usize);
     let others_take = features.importance
         || features.coated
         || crate::model::surface_optics::lossy_mirrors(ir).any(is_on_path);
-    let comes_to_roulette = |way: &Way| way.weights.iter().any(|&weight| weight < options.roulette_threshold);
-    if !features.bulk_absorption || others_take || ways.iter().any(comes_to_roulette) {
+    let comes_to_roulette =
+        |sample: &SampledPath| sample.weights.iter().any(|&weight| weight < options.roulette_threshold);
+    if !features.bulk_absorption || others_take || samples.iter().any(comes_to_roulette) {
         return None;
     }
-    let num_losses = |way: &Way| way.weights.windows(2).filter(|weights| weights[1] < weights[0]).count();
-    same(ways, |way| u32::try_from(num_losses(way)).ok())
+    let num_losses =
+        |sample: &SampledPath| sample.weights.windows(2).filter(|weights| weights[1] < weights[0]).count();
+    same(samples, |sample| u32::try_from(num_losses(sample)).ok())
 }
 
 /// Whether rays of the path may enter the ambient medium with no solid behind them, which is counted (`track_solids` in
 /// shaders/stages/interact.wgsl): so they may where some come to a refracting surface from another side than others.
-fn may_underflow(ir: &SceneIr, path: &MainPath) -> bool {
+fn may_underflow(ir: &SceneIr, path: &HotPath) -> bool {
     let mut is_in_solid = false;
     path.events.iter().any(|event| {
         let surface = ir.surfaces.get(event.primitive);
@@ -332,14 +335,17 @@ fn is_bilinear(kind: &DetectorKind) -> bool {
 }
 
 /// What all ways have alike, if they do.
-fn same<T: PartialEq>(ways: &[Way], of: impl Fn(&Way) -> Option<T>) -> Option<T> {
-    let mut all = ways.iter().map(of);
+fn same<T: PartialEq>(samples: &[SampledPath], of: impl Fn(&SampledPath) -> Option<T>) -> Option<T> {
+    let mut all = samples.iter().map(of);
     let first = all.next()??;
     all.all(|other| other.as_ref() == Some(&first)).then_some(first)
 }
 
 /// True if every ray is at an event where it was at one before, as far as its recorded positions tell.
-fn arrive_together(ways: &[Way], before: usize, event: usize) -> bool {
-    let at = |way: &Way, event: usize| way.positions.get(event + 1).copied();
-    !ways.is_empty() && ways.iter().all(|way| at(way, before).is_some() && at(way, before) == at(way, event))
+fn arrive_together(samples: &[SampledPath], before: usize, event: usize) -> bool {
+    let at = |sample: &SampledPath, event: usize| sample.positions.get(event + 1).copied();
+    !samples.is_empty()
+        && samples
+            .iter()
+            .all(|sample| at(sample, before).is_some() && at(sample, before) == at(sample, event))
 }

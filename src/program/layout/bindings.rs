@@ -58,7 +58,7 @@ numbers! { "BINDING_", BINDINGS:
     MESH_ROWS = 17;
     /// Trees, triangles and primitives.
     TREE_ROWS = 19;
-    /// The log of where rays end, and of arrivals: stages write it as unlike types.
+    /// The deposit log, and of arrivals: stages write it as unlike types.
     LOG = 20;
     /// Which facets of meshes are in contact.
     FACETS = 21;

@@ -1,16 +1,16 @@
-// Stage trace_main_path follows the main path, which most rays of a scene take: its events in a row, and nothing else.
+// Stage trace_hot_path follows the hot path, which most rays of a scene take: its events in a row, and nothing else.
 // Wide machines then run no branch that no ray takes, and no round of a loop that only a few rays need.
 //
 // The walk is composed. At each event, it looks for the nearest of those primitives that can lie between the last event
-// and the next. A ray that does anything else is rejected. A rejected ray leaves only a mark, where its log begins, and
+// and the next. A ray that does anything else fails a guard. It leaves only a mark, where its log begins, and
 // trace_new traces it anew from its birth. So no bit of a result depends on the choice of the path. Rays on the path do
 // not mark the primitives that they reach, because the host knows them.
 //
-// Stages trace_side_a and so on follow side paths in the same way. A side path is what most of the rays do that were
-// rejected at the same event. Entry points are composed, each with the walk of its own path alone, because drivers take
+// Stages trace_side_a and so on follow side traces in the same way. A side trace is what most of the rays do that
+// failed the guard of the same event. Entry points are composed, each with the walk of its own path alone, because drivers take
 // long over unused text.
 
-// The number of events in which the ray has kept to the path. Rays rejected at the same event take similar ways, and
+// The number of events in which the ray has kept to the path. Rays that fail at the same event take similar ways, and
 // are traced side by side.
 var<private> kept_events: u32 = 0u;
 
@@ -37,7 +37,7 @@ fn begin_on_path() {
     kept_events = 0u;
 }
 
-// One event of the path on a surface. True if the ray has met the surface and does what the path does. A rejected ray
+// One event of the path on a surface. True if the ray has met the surface and does what the path does. A failed ray
 // goes through the same motions, to no effect.
 fn keeps_to(ray: ptr<function, Ray>, hit: Hit, surface: Surface, primitive: u32) -> bool {
     reach_next(ray, Hit(hit.distance, primitive));

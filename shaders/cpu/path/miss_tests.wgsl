@@ -46,7 +46,7 @@ fn stays_inside(o: vec3<real>, d: vec3<real>, limit: real, distance: real) -> bo
 }
 
 // True if the ray goes 1 along z while it goes at most |pace|. A negative pace means against z. A ray that keeps such a
-// pace leaves for good the slab that holds a primitive, and from then on is clear of the primitive.
+// pace leaves for good the slab that holds a primitive, and from then on misses the primitive.
 fn keeps_pace(d: vec3<real>, pace: real) -> bool {
     return d.z * pace >= 1.0;
 }

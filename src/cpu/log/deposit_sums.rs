@@ -1,12 +1,12 @@
-//! What the log of ends adds up to: the integers of the device's atomics (`shaders/sums/sums.wgsl`), on the host.
+//! What the deposit log adds up to: the integers of the device's atomics (`shaders/sums/sums.wgsl`), on the host.
 
 use crate::cpu::log::bits::{bits, entries_of, quantize};
 use crate::cpu::log::corners::CornerSums;
 use crate::cpu::log::entries::{
-    CELL_MASK, End, Entry, HIT_NEXT_COLUMN, HIT_NEXT_ROW, IN_CELL, IN_TAPS, NEXT_COLUMN, NEXT_ROW, PASSES,
-    REJECTED, WITHOUT_POSITION,
+    CELL_MASK, End, Entry, GUARD_FAILED, HIT_NEXT_COLUMN, HIT_NEXT_ROW, IN_CELL, IN_TAPS, NEXT_COLUMN,
+    NEXT_ROW, PASSES, WITHOUT_POSITION,
 };
-use crate::cpu::log::format::{EndLog, Form, Grid, Taps};
+use crate::cpu::log::format::{DepositLog, EntryFormat, Grid, LoggedTaps};
 use crate::cpu::log::positions::{BLOCK, Block, PositionEntry, PositionTaps};
 use crate::cpu::log::reals::Real;
 use crate::engine::sums::INVALID_DEPOSITS;
@@ -15,7 +15,7 @@ use std::ops::Range;
 
 /// What the logged ends add up to.
 #[derive(Debug, Default)]
-pub struct EndSums {
+pub struct DepositSums {
     /// Ends per counter.
     pub counts: Vec<u64>,
     quanta: Quanta,
@@ -36,12 +36,12 @@ pub struct LoggedRays<'a> {
     pub weight: f64,
 }
 
-/// A ray that was rejected by the main path.
+/// A ray that failed a guard of a path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct RejectedRay {
+pub struct GuardFailure {
     /// Its number in the dispatch.
     pub ray: u32,
-    /// The event of the path at which it did.
+    /// The event of the path whose guard it failed.
     pub event: u32,
 }
 
@@ -52,19 +52,19 @@ struct Quanta {
     high: Vec<u64>,
 }
 
-impl EndSums {
+impl DepositSums {
     /// No ends.
-    pub fn new(cells: &Cells, form: Form) -> Self {
-        let num_sums = if form == Form::Counts { 0 } else { cells.num_sums as usize };
+    pub fn new(cells: &Cells, format: EntryFormat) -> Self {
+        let num_sums = if format == EntryFormat::Counts { 0 } else { cells.num_sums as usize };
         let quanta = Quanta { low: vec![0; num_sums], high: vec![0; num_sums] };
-        EndSums { counts: vec![0; cells.num_counters as usize], quanta, corners: Vec::new() }
+        DepositSums { counts: vec![0; cells.num_counters as usize], quanta, corners: Vec::new() }
     }
 
     /// No ends in so many cells.
     #[cfg(test)]
     pub(crate) fn of_num(num: usize) -> Self {
         let quanta = Quanta { low: vec![0; num], high: vec![0; num] };
-        EndSums { counts: vec![0; num], quanta, corners: Vec::new() }
+        DepositSums { counts: vec![0; num], quanta, corners: Vec::new() }
     }
 
     /// Brings what lies at corners to its cells.
@@ -82,33 +82,38 @@ impl EndSums {
         words.map(|(&low, &high)| u128::from(low) | u128::from(high) << 64)
     }
 
-    /// Adds what the rays of a dispatch logged, and shows those that were rejected by the main path, by their number. None
+    /// Adds what the rays of a dispatch logged, and shows those that failed a guard of the hot path, by their number. None
     /// if an entry makes no sense.
-    pub fn add(&mut self, logged: &LoggedRays, log: &EndLog, rejected: &mut Vec<RejectedRay>) -> Option<()> {
-        match (log.form, log.taps) {
-            (Form::Counts, _) => self.add_rays::<[u32; 1]>(logged, log, rejected),
-            (Form::Packed, Taps::None) => self.add_rays::<[u64; 1]>(logged, log, rejected),
-            (Form::Packed, Taps::Fractions) => self.add_rays::<[u64; 2]>(logged, log, rejected),
-            (Form::Reals, Taps::None) => self.add_rays::<[f64; 2]>(logged, log, rejected),
-            (Form::Reals, Taps::Fractions) => self.add_rays::<[f64; 4]>(logged, log, rejected),
+    pub fn add(
+        &mut self,
+        logged: &LoggedRays,
+        log: &DepositLog,
+        failures: &mut Vec<GuardFailure>,
+    ) -> Option<()> {
+        match (log.format, log.taps) {
+            (EntryFormat::Counts, _) => self.add_rays::<[u32; 1]>(logged, log, failures),
+            (EntryFormat::Packed, LoggedTaps::None) => self.add_rays::<[u64; 1]>(logged, log, failures),
+            (EntryFormat::Packed, LoggedTaps::Fractions) => self.add_rays::<[u64; 2]>(logged, log, failures),
+            (EntryFormat::Reals, LoggedTaps::None) => self.add_rays::<[f64; 2]>(logged, log, failures),
+            (EntryFormat::Reals, LoggedTaps::Fractions) => self.add_rays::<[f64; 4]>(logged, log, failures),
             // The low half of a 64-bit word comes first.
-            (Form::Packed, Taps::Positions { grid, has_weights: false }) => {
-                self.add_positions::<[u32; 2]>(logged, &grid, rejected)
+            (EntryFormat::Packed, LoggedTaps::Positions { grid, has_weights: false }) => {
+                self.add_positions::<[u32; 2]>(logged, &grid, failures)
             }
-            (Form::Packed, Taps::Positions { grid, has_weights: true }) => {
-                self.add_positions::<[u32; 4]>(logged, &grid, rejected)
+            (EntryFormat::Packed, LoggedTaps::Positions { grid, has_weights: true }) => {
+                self.add_positions::<[u32; 4]>(logged, &grid, failures)
             }
-            (Form::Reals, Taps::Positions { grid, has_weights: false }) => {
-                self.add_positions::<[f64; 2]>(logged, &grid, rejected)
+            (EntryFormat::Reals, LoggedTaps::Positions { grid, has_weights: false }) => {
+                self.add_positions::<[f64; 2]>(logged, &grid, failures)
             }
-            (Form::Reals, Taps::Positions { grid, has_weights: true }) => {
-                self.add_positions::<[f64; 3]>(logged, &grid, rejected)
+            (EntryFormat::Reals, LoggedTaps::Positions { grid, has_weights: true }) => {
+                self.add_positions::<[f64; 3]>(logged, &grid, failures)
             }
         }
     }
 
     /// Adds what others have summed up, who have settled.
-    pub fn merge(&mut self, other: &EndSums) -> Option<()> {
+    pub fn merge(&mut self, other: &DepositSums) -> Option<()> {
         debug_assert!(other.corners.is_empty());
         for (count, more) in self.counts.iter_mut().zip(&other.counts) {
             *count += more;
@@ -122,19 +127,19 @@ impl EndSums {
     fn add_rays<E: Entry>(
         &mut self,
         logged: &LoggedRays,
-        log: &EndLog,
-        rejected: &mut Vec<RejectedRay>,
+        log: &DepositLog,
+        failures: &mut Vec<GuardFailure>,
     ) -> Option<()> {
         let LoggedRays { bytes, ref rays, stride, .. } = *logged;
         let entries: &[E] = entries_of(bytes)?;
         if log.max_passes == 0 {
             let mut ends = rays.clone().zip(entries.get(rays.clone())?);
             return ends
-                .try_for_each(|(ray, entry)| self.add_entry::<E>(entry.read(), ray, &log.grids, rejected));
+                .try_for_each(|(ray, entry)| self.add_entry::<E>(entry.read(), ray, &log.grids, failures));
         }
         rays.clone().step_by(BLOCK).try_for_each(|start| {
             let block = start..(start + BLOCK).min(rays.end);
-            self.add_block(entries, block, stride, &log.grids, rejected)
+            self.add_block(entries, block, stride, &log.grids, failures)
         })
     }
 
@@ -145,7 +150,7 @@ impl EndSums {
         rays: Range<usize>,
         stride: usize,
         grids: &[Grid],
-        rejected: &mut Vec<RejectedRay>,
+        failures: &mut Vec<GuardFailure>,
     ) -> Option<()> {
         let mut rows = entries.get(rays.start..)?.chunks(stride);
         let mut unended = u64::MAX >> (BLOCK - rays.len());
@@ -154,7 +159,7 @@ impl EndSums {
             for ray in bits(std::mem::take(&mut unended)) {
                 let end = row.get(ray)?.read();
                 unended |= u64::from(end.what & PASSES != 0) << ray;
-                self.add_entry::<E>(end, rays.start + ray, grids, rejected)?;
+                self.add_entry::<E>(end, rays.start + ray, grids, failures)?;
             }
         }
         Some(())
@@ -166,12 +171,12 @@ impl EndSums {
         end: End<E::Real>,
         ray: usize,
         grids: &[Grid],
-        rejected: &mut Vec<RejectedRay>,
+        failures: &mut Vec<GuardFailure>,
     ) -> Option<()> {
         if end.what & IN_TAPS != 0 {
             return self.add_taps_of(end, grid_of(grids, end.what)?);
         }
-        self.add_end(end, ray, rejected, E::IS_COUNTED)
+        self.add_end(end, ray, failures, E::IS_COUNTED)
     }
 
     /// An end in one cell, or none. `is_counted`: sums follow from counts.
@@ -180,11 +185,11 @@ impl EndSums {
         &mut self,
         end: End<T>,
         ray: usize,
-        rejected: &mut Vec<RejectedRay>,
+        failures: &mut Vec<GuardFailure>,
         is_counted: bool,
     ) -> Option<()> {
-        if end.what & REJECTED != 0 {
-            rejected.push(RejectedRay { ray: ray as u32, event: end.what & CELL_MASK });
+        if end.what & GUARD_FAILED != 0 {
+            failures.push(GuardFailure { ray: ray as u32, event: end.what & CELL_MASK });
         }
         self.add_count(end.what)?;
         if is_counted || end.what & IN_CELL == 0 {
@@ -199,7 +204,7 @@ impl EndSums {
         &mut self,
         logged: &LoggedRays,
         grid: &Grid,
-        rejected: &mut Vec<RejectedRay>,
+        failures: &mut Vec<GuardFailure>,
     ) -> Option<()> {
         let entries: &[E] = entries_of(logged.bytes)?;
         let born = E::Real::nearest(logged.weight);
@@ -210,7 +215,7 @@ impl EndSums {
             let all = u64::MAX >> (BLOCK - entries.len());
             self.add_laid_out(&block, all & !block.others, 1, grid)?;
             bits(all & block.others)
-                .try_for_each(|i| self.add_other(&entries[i], born, first + i, grid, rejected))?;
+                .try_for_each(|i| self.add_other(&entries[i], born, first + i, grid, failures))?;
             first += entries.len();
         }
         Some(())
@@ -276,11 +281,11 @@ impl EndSums {
         born: E::Real,
         ray: usize,
         grid: &Grid,
-        rejected: &mut Vec<RejectedRay>,
+        failures: &mut Vec<GuardFailure>,
     ) -> Option<()> {
         let position = entry.position();
         if position[0].is_off_detectors() {
-            return self.add_end(entry.end(born), ray, rejected, false);
+            return self.add_end(entry.end(born), ray, failures, false);
         }
         self.add_position(position, entry.weight(born), grid)
     }
@@ -422,17 +427,17 @@ mod tests {
         LoggedRays { bytes, rays: 0..num, stride: num, weight: 0.0 }
     }
 
-    fn log(form: Form, max_passes: u32) -> EndLog {
-        let taps = if form == Form::Counts { Taps::None } else { Taps::Fractions };
-        EndLog { form, taps, max_passes, grids: vec![GRID], weights: vec![] }
+    fn log(format: EntryFormat, max_passes: u32) -> DepositLog {
+        let taps = if format == EntryFormat::Counts { LoggedTaps::None } else { LoggedTaps::Fractions };
+        DepositLog { format, taps, max_passes, grids: vec![GRID], weights: vec![] }
     }
 
     /// A map of three columns and two rows behind the counter of invalid deposits.
-    fn sums() -> EndSums {
-        EndSums::of_num(7)
+    fn sums() -> DepositSums {
+        DepositSums::of_num(7)
     }
 
-    fn quanta(sums: &EndSums) -> Vec<u128> {
+    fn quanta(sums: &DepositSums) -> Vec<u128> {
         sums.quanta().collect()
     }
 
@@ -444,36 +449,40 @@ mod tests {
         let joined = |low: u32, high: u32| u64::from(low) | u64::from(high) << 32;
         let packed = [joined(what, weight_bits), joined(x_bits, y_bits)];
         let reals = [f64::from(what), f64::from(weight), f64::from(x), f64::from(y)];
-        for (form, bytes) in
-            [(Form::Packed, cast_slice::<u64, u8>(&packed)), (Form::Reals, cast_slice(&reals))]
+        for (format, bytes) in
+            [(EntryFormat::Packed, cast_slice::<u64, u8>(&packed)), (EntryFormat::Reals, cast_slice(&reals))]
         {
             let mut sums = sums();
-            assert_eq!(sums.add(&logged(bytes, 1), &log(form, 0), &mut Vec::new()), Some(()), "{form:?}");
+            assert_eq!(sums.add(&logged(bytes, 1), &log(format, 0), &mut Vec::new()), Some(()), "{format:?}");
             let shares = [0, 0, UNIT * 3 / 8, UNIT / 8, 0, UNIT * 3 / 8, UNIT / 8];
-            assert_eq!(quanta(&sums), shares, "{form:?}");
-            assert_eq!(sums.counts, [0, 0, 0, 0, 0, 1, 0], "{form:?}");
+            assert_eq!(quanta(&sums), shares, "{format:?}");
+            assert_eq!(sums.counts, [0, 0, 0, 0, 0, 1, 0], "{format:?}");
         }
     }
 
     /// A log of positions on the map.
-    fn position_log(form: Form, has_weights: bool) -> EndLog {
-        EndLog { taps: Taps::Positions { grid: GRID, has_weights }, ..log(form, 0) }
+    fn position_log(format: EntryFormat, has_weights: bool) -> DepositLog {
+        DepositLog { taps: LoggedTaps::Positions { grid: GRID, has_weights }, ..log(format, 0) }
     }
 
     /// What a log of positions adds up to, of rays that were born with a weight of 2 and lost nothing.
-    fn sums_of_positions(form: Form, has_weights: bool, positions: &[[f64; 2]]) -> Option<EndSums> {
+    fn sums_of_positions(
+        format: EntryFormat,
+        has_weights: bool,
+        positions: &[[f64; 2]],
+    ) -> Option<DepositSums> {
         let reals = |place: &[f64; 2]| [place[0], place[1], 2.0];
         let words = |place: &[f64; 2]| reals(place).map(|real| (real as f32).to_bits());
         let num = if has_weights { 3 } else { 2 };
-        let bytes: Vec<u8> = match form {
-            Form::Reals => {
+        let bytes: Vec<u8> = match format {
+            EntryFormat::Reals => {
                 positions.iter().flat_map(|p| cast_slice::<f64, u8>(&reals(p)[..num]).to_vec()).collect()
             }
-            Form::Packed if has_weights => positions
+            EntryFormat::Packed if has_weights => positions
                 .iter()
                 .flat_map(|p| words(p).into_iter().chain([0]).flat_map(u32::to_le_bytes).collect::<Vec<_>>())
                 .collect(),
-            Form::Counts | Form::Packed => {
+            EntryFormat::Counts | EntryFormat::Packed => {
                 positions.iter().flat_map(|p| cast_slice::<u32, u8>(&words(p)[..num]).to_vec()).collect()
             }
         };
@@ -482,7 +491,7 @@ mod tests {
         let mut sums = sums();
         let bytes = &cast_slice(&aligned)[..bytes.len()];
         let logged = LoggedRays { weight: 2.0, ..logged(bytes, positions.len()) };
-        sums.add(&logged, &position_log(form, has_weights), &mut Vec::new())?;
+        sums.add(&logged, &position_log(format, has_weights), &mut Vec::new())?;
         sums.settle().map(|()| sums)
     }
 
@@ -493,22 +502,26 @@ mod tests {
         let places = [[0.75 * HIT_NEXT, 0.5], [2.0, 1.0], [-0.25, -0.5], [2.25, 1.25]];
         // One more than two blocks.
         let many: Vec<[f64; 2]> = places.iter().copied().cycle().take(129).collect();
-        for (form, has_weights) in [Form::Packed, Form::Reals].map(|f| [(f, false), (f, true)]).concat() {
-            let sums = sums_of_positions(form, has_weights, &many).unwrap();
+        for (format, has_weights) in
+            [EntryFormat::Packed, EntryFormat::Reals].map(|f| [(f, false), (f, true)]).concat()
+        {
+            let sums = sums_of_positions(format, has_weights, &many).unwrap();
             let [between, others] = [33, 32];
             let first = UNIT / 4 * between + 2 * UNIT * others;
             let last = 4 * UNIT * others;
             let second = UNIT * 3 / 4 * between;
             let expected = [0, first, second, 0, UNIT / 4 * between, second, last];
-            assert_eq!(quanta(&sums), expected, "{form:?}, {has_weights}");
-            assert_eq!(sums.counts, [0, 32, 33, 0, 0, 0, 64], "{form:?}, {has_weights}");
+            assert_eq!(quanta(&sums), expected, "{format:?}, {has_weights}");
+            assert_eq!(sums.counts, [0, 32, 33, 0, 0, 0, 64], "{format:?}, {has_weights}");
         }
     }
 
     /// As rounding may put them far from the scene's centre.
     #[test]
     fn positions_beyond_the_map_fall_into_its_edge_pixels() {
-        for (form, has_weights) in [(Form::Packed, false), (Form::Packed, true), (Form::Reals, false)] {
+        for (format, has_weights) in
+            [(EntryFormat::Packed, false), (EntryFormat::Packed, true), (EntryFormat::Reals, false)]
+        {
             for (place, expected) in [
                 ([-1.0, 0.5], [UNIT, 0, 0, UNIT, 0, 0]),
                 ([OFF_DETECTORS, 0.5], [UNIT, 0, 0, UNIT, 0, 0]),
@@ -517,11 +530,11 @@ mod tests {
                 ([-1e30, 1e12], [0, 0, 0, 2 * UNIT, 0, 0]),
             ] {
                 // The hit is the next pixel, which is the same.
-                let sums = sums_of_positions(form, has_weights, &[place.map(|at| at * HIT_NEXT)]).unwrap();
-                assert_eq!(quanta(&sums)[1..], expected, "{form:?}, {place:?}");
+                let sums = sums_of_positions(format, has_weights, &[place.map(|at| at * HIT_NEXT)]).unwrap();
+                assert_eq!(quanta(&sums)[1..], expected, "{format:?}, {place:?}");
                 assert_eq!(sums.counts.iter().sum::<u64>(), 1);
             }
-            assert!(sums_of_positions(form, has_weights, &[[0.0, f64::NAN]]).is_none(), "{form:?}");
+            assert!(sums_of_positions(format, has_weights, &[[0.0, f64::NAN]]).is_none(), "{format:?}");
         }
     }
 
@@ -536,7 +549,7 @@ mod tests {
         for (entries, expected) in [(left, [all(15) / 4 * 3, all(15) / 4, 0]), (shared, [0, all(6), 0])] {
             let mut sums = sums();
             let logged = logged(cast_slice(&entries), entries.len());
-            assert_eq!(sums.add(&logged, &position_log(Form::Reals, true), &mut Vec::new()), Some(()));
+            assert_eq!(sums.add(&logged, &position_log(EntryFormat::Reals, true), &mut Vec::new()), Some(()));
             sums.settle().unwrap();
             assert_eq!(quanta(&sums)[1..4], expected);
         }
@@ -546,10 +559,12 @@ mod tests {
     fn what_is_no_position_ends_as_it_says() {
         let off = OFF_DETECTORS;
         let bits = |what: u32| f64::from(f32::from_bits(what));
-        for (form, end) in [(Form::Packed, bits(IN_CELL | 3)), (Form::Reals, f64::from(IN_CELL | 3))] {
-            let sums = sums_of_positions(form, false, &[[off, end], [off, end]]).unwrap();
-            assert_eq!(quanta(&sums), [0, 0, 0, 4 * UNIT, 0, 0, 0], "{form:?}");
-            assert_eq!(sums.counts, [0, 0, 0, 2, 0, 0, 0], "{form:?}");
+        for (format, end) in
+            [(EntryFormat::Packed, bits(IN_CELL | 3)), (EntryFormat::Reals, f64::from(IN_CELL | 3))]
+        {
+            let sums = sums_of_positions(format, false, &[[off, end], [off, end]]).unwrap();
+            assert_eq!(quanta(&sums), [0, 0, 0, 4 * UNIT, 0, 0, 0], "{format:?}");
+            assert_eq!(sums.counts, [0, 0, 0, 2, 0, 0, 0], "{format:?}");
         }
     }
 
@@ -559,31 +574,31 @@ mod tests {
         let mut sums = sums();
         let entries = [[0.5, 0.0, large], [0.5, 0.0, f64::NAN]];
         let logged = logged(cast_slice(&entries), 2);
-        assert_eq!(sums.add(&logged, &position_log(Form::Reals, true), &mut Vec::new()), Some(()));
+        assert_eq!(sums.add(&logged, &position_log(EntryFormat::Reals, true), &mut Vec::new()), Some(()));
         sums.settle().unwrap();
         assert_eq!(quanta(&sums)[1..3], [UNIT << 19, UNIT << 19]);
         assert_eq!(sums.counts, [1, 2, 0, 0, 0, 0, 0], "a deposit that no sum can hold");
     }
 
     #[test]
-    fn rejected_rays_are_reported_and_add_nothing_in_every_form() {
-        let whats = [REJECTED, IN_CELL | 2, REJECTED | 7];
+    fn failed_rays_are_reported_and_add_nothing_in_every_form() {
+        let whats = [GUARD_FAILED, IN_CELL | 2, GUARD_FAILED | 7];
         let counts = whats;
         let packed = whats.map(|what| [u64::from(what), 0]);
         let reals = whats.map(|what| [f64::from(what), 0.0, 0.0, 0.0]);
-        for (form, bytes) in [
-            (Form::Counts, cast_slice::<u32, u8>(&counts)),
-            (Form::Packed, cast_slice(&packed)),
-            (Form::Reals, cast_slice(&reals)),
+        for (format, bytes) in [
+            (EntryFormat::Counts, cast_slice::<u32, u8>(&counts)),
+            (EntryFormat::Packed, cast_slice(&packed)),
+            (EntryFormat::Reals, cast_slice(&reals)),
         ] {
-            let (mut sums, mut rejected) = (sums(), Vec::new());
-            assert_eq!(sums.add(&logged(bytes, 3), &log(form, 0), &mut rejected), Some(()), "{form:?}");
+            let (mut sums, mut failures) = (sums(), Vec::new());
+            assert_eq!(sums.add(&logged(bytes, 3), &log(format, 0), &mut failures), Some(()), "{format:?}");
             assert_eq!(
-                rejected,
-                [RejectedRay { ray: 0, event: 0 }, RejectedRay { ray: 2, event: 7 }],
-                "{form:?}"
+                failures,
+                [GuardFailure { ray: 0, event: 0 }, GuardFailure { ray: 2, event: 7 }],
+                "{format:?}"
             );
-            assert_eq!(sums.counts, [0, 0, 1, 0, 0, 0, 0], "{form:?}");
+            assert_eq!(sums.counts, [0, 0, 1, 0, 0, 0, 0], "{format:?}");
         }
     }
 
@@ -594,7 +609,7 @@ mod tests {
         let entries = [[what, large, 0.5, 0.0], [what, f64::NAN, 0.5, 0.0], [what, -1.0, 0.5, 0.0]];
         let mut sums = sums();
         assert_eq!(
-            sums.add(&logged(cast_slice(&entries), 3), &log(Form::Reals, 0), &mut Vec::new()),
+            sums.add(&logged(cast_slice(&entries), 3), &log(EntryFormat::Reals, 0), &mut Vec::new()),
             Some(())
         );
         assert_eq!(quanta(&sums)[1..3], [UNIT << 19, UNIT << 19]);
@@ -613,11 +628,11 @@ mod tests {
         }
         let mut whole = sums();
         let logged = LoggedRays { bytes: cast_slice(&entries), rays: 0..num, stride, weight: 0.0 };
-        assert_eq!(whole.add(&logged, &log(Form::Counts, 4), &mut Vec::new()), Some(()));
+        assert_eq!(whole.add(&logged, &log(EntryFormat::Counts, 4), &mut Vec::new()), Some(()));
         assert_eq!(whole.counts, [0, 150, 100, 0, 0, 0, 0]);
         let cut = LoggedRays { bytes: cast_slice(&entries[..2 * stride]), ..logged.clone() };
         assert_eq!(
-            sums().add(&cut, &log(Form::Counts, 4), &mut Vec::new()),
+            sums().add(&cut, &log(EntryFormat::Counts, 4), &mut Vec::new()),
             None,
             "the log ends before the ray does"
         );
@@ -627,7 +642,7 @@ mod tests {
     fn a_cell_that_does_not_exist_is_refused() {
         let entries = [IN_CELL | 7];
         assert_eq!(
-            sums().add(&logged(cast_slice(&entries), 1), &log(Form::Counts, 0), &mut Vec::new()),
+            sums().add(&logged(cast_slice(&entries), 1), &log(EntryFormat::Counts, 0), &mut Vec::new()),
             None
         );
     }

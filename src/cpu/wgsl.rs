@@ -1,9 +1,9 @@
-//! What processors' ways add to the module of a scene: the log of where rays end, and the stages of the main path and of the
-//! side paths.
+//! The WGSL that the CPU backend adds to the module of a scene: the deposit log, and the stages of the hot path and of
+//! the side traces.
 
-use crate::cpu::added::CpuExtension;
-use crate::cpu::log::format::Form;
+use crate::cpu::log::format::EntryFormat;
 use crate::cpu::path::compose::Stages;
+use crate::cpu::request::CpuShader;
 use crate::error::Result;
 use crate::program::Precision;
 use crate::program::addition::ShaderAddition;
@@ -13,13 +13,13 @@ use crate::program::wgsl::text::Text;
 use crate::program::wgsl::variants::either;
 use crate::shaders::{ShaderFile, shader};
 
-impl CpuExtension {
+impl CpuShader {
     fn constants(&self) -> Constants {
         let mut constants = Constants::default();
-        if self.main_path.is_some() {
+        if self.hot_path.is_some() {
             constants.uint("PATH_RAYS_PER_INVOCATION", self.rays_per_invocation);
         }
-        if let Some(log) = &self.end_log {
+        if let Some(log) = &self.deposit_log {
             constants.uint("LOG_WORDS", log.num_words());
             constants.bool("MEDIA_ABSORB_WEAKLY", self.media_absorb_weakly);
             constants.bool("LOGS_POSITIONS", log.logs_positions());
@@ -30,8 +30,8 @@ impl CpuExtension {
 
     /// The files that stand in no slot of the plain module.
     fn files(&self, composition: &Composition) -> Vec<ShaderFile> {
-        let entries = self.end_log.as_ref().map(|log| entries_file(log.form));
-        if self.main_path.is_none() {
+        let entries = self.deposit_log.as_ref().map(|log| entries_file(log.format));
+        if self.hot_path.is_none() {
             return entries.into_iter().collect();
         }
         let several = self.rays_per_invocation > 1;
@@ -42,13 +42,13 @@ impl CpuExtension {
             self.has_pairs.then_some(shader!("cpu/path/ray_pair.wgsl")),
         ];
         let always = [
-            shader!("cpu/path/main_path.wgsl"),
+            shader!("cpu/path/hot_path.wgsl"),
             either(
                 composition.wrong_sides().is_some(),
-                shader!("cpu/path/sides.rejected.wgsl"),
+                shader!("cpu/path/sides.guarded.wgsl"),
                 shader!("cpu/path/sides.none.wgsl"),
             ),
-            shader!("cpu/path/clearances.wgsl"),
+            shader!("cpu/path/miss_tests.wgsl"),
             either(
                 self.path_log.is_some(),
                 shader!("cpu/path/path_log.arrivals.wgsl"),
@@ -72,41 +72,41 @@ impl CpuExtension {
     }
 }
 
-impl ShaderAddition for CpuExtension {
+impl ShaderAddition for CpuShader {
     fn replaces(&self, slot: &str) -> Option<ShaderFile> {
         match slot {
-            "stages/ids" => self.main_path.as_ref().map(|_| shader!("stages/ids.listed.wgsl")),
-            "sums/ends" => self.end_log.as_ref().map(|_| shader!("cpu/log/ends.logged.wgsl")),
+            "stages/ids" => self.hot_path.as_ref().map(|_| shader!("stages/ids.listed.wgsl")),
+            "sums/ends" => self.deposit_log.as_ref().map(|_| shader!("cpu/log/ends.logged.wgsl")),
             "sums/passes" => self.logs_passes().then_some(shader!("cpu/log/passes.logged.wgsl")),
             _ => None,
         }
     }
 
     fn add(&self, composition: &Composition, text: &mut Text) -> Result<()> {
-        text.composed("cpu::extension", self.constants().text());
+        text.composed("cpu::wgsl", self.constants().text());
         text.files(self.files(composition));
         text.composed("cpu::path::compose", &Stages { extension: self, composition }.text()?);
         Ok(())
     }
 
     fn logs_passes(&self) -> bool {
-        self.end_log.as_ref().is_some_and(|log| log.max_passes > 0)
+        self.deposit_log.as_ref().is_some_and(|log| log.max_passes > 0)
     }
 
     fn restores_bins(&self) -> bool {
-        self.main_path.is_some()
+        self.hot_path.is_some()
     }
 
     fn keeps_bin_of(&self, primitive: usize) -> bool {
-        let paths = self.main_path.iter().chain(self.side_paths.iter().map(|side| &side.path));
+        let paths = self.hot_path.iter().chain(self.side_traces.iter().map(|side| &side.path));
         paths.flat_map(|path| &path.events).any(|event| event.primitive == primitive)
     }
 }
 
-fn entries_file(form: Form) -> ShaderFile {
-    match form {
-        Form::Counts => shader!("cpu/log/entries.counts.wgsl"),
-        Form::Packed => shader!("cpu/log/entries.packed.wgsl"),
-        Form::Reals => shader!("cpu/log/entries.reals.wgsl"),
+fn entries_file(format: EntryFormat) -> ShaderFile {
+    match format {
+        EntryFormat::Counts => shader!("cpu/log/entries.counts.wgsl"),
+        EntryFormat::Packed => shader!("cpu/log/entries.packed.wgsl"),
+        EntryFormat::Reals => shader!("cpu/log/entries.reals.wgsl"),
     }
 }

@@ -1,10 +1,11 @@
-//! Adds up the log of where rays end (`shaders/cpu/log/ends.logged.wgsl`), on devices whose memory is the host's.
+//! The buffers of the deposit log (`shaders/cpu/log/ends.logged.wgsl`): which dispatch writes which, and when the host adds
+//! them up. The memory of the device is the host's.
 
-use crate::cpu::log::adder::{EndSums, LoggedRays, RejectedRay};
-use crate::cpu::log::format::EndLog;
+use crate::cpu::log::deposit_sums::{DepositSums, GuardFailure, LoggedRays};
+use crate::cpu::log::format::DepositLog;
+use crate::cpu::path::fallback::FallbackQueues;
 use crate::cpu::path::path_log::PathLog;
-use crate::cpu::path::rejected::Rejected;
-use crate::cpu::path::side_path::SidePath;
+use crate::cpu::path::side_trace::SideTrace;
 use crate::error::{Error, Result};
 use crate::gpu::{Gpu, processors};
 use crate::program::layout::bindings;
@@ -14,19 +15,19 @@ use std::time::{Duration, Instant};
 
 /// Two logs a device, so that the host adds up one while the devices write the others.
 #[derive(Debug)]
-pub struct EndLogs {
-    shape: EndLog,
-    /// What rays log that keep to the main path, where they do not log entries as others do.
+pub struct LogBuffers {
+    shape: DepositLog,
+    /// What rays on the hot path log, if it is not entries, as of all other rays.
     path: Option<PathLog>,
-    /// The same of the side paths.
-    side_paths: Vec<Option<PathLog>>,
+    /// The same of the side traces.
+    side_traces: Vec<Option<PathLog>>,
     /// One for each thread that adds up.
-    sums: Vec<EndSums>,
+    sums: Vec<DepositSums>,
     /// From an entry of a ray to its next.
     stride: u32,
     /// They take turns.
     devices: Vec<DeviceLogs>,
-    /// The next dispatch's, in 0..[`EndLogs::num_logs`].
+    /// The next dispatch's, in 0..[`LogBuffers::num_logs`].
     turn: usize,
     /// In the order of their turns.
     written: VecDeque<Written>,
@@ -34,10 +35,10 @@ pub struct EndLogs {
     first_end: Option<Instant>,
     /// Rays of each dispatch that was timed, and what it took, since the last time they were asked for.
     times: Vec<(u32, Duration)>,
-    rejected: Rejected,
-    /// Rays of ranges that were added up in this trace, and those of them that were rejected.
+    fallback: FallbackQueues,
+    /// Rays of ranges that were added up in this trace, and those of them that failed a guard.
     num_followed: u64,
-    num_rejected: u64,
+    num_failed: u64,
 }
 
 /// So that the entries of a ray lie no power of two apart: such addresses crowd each other out of the caches.
@@ -75,48 +76,54 @@ struct Written {
 /// Which rays a dispatch traces.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Rays {
-    /// Those of its range, along the main path if there is one.
+    /// Those of its range, along the hot path if there is one.
     OfRange,
-    /// Those that were rejected by the main path, along a side path.
+    /// Those that failed a guard of the hot path, along a side trace.
     OfSide {
         /// Its number.
         side: usize,
         /// Theirs.
         ids: Vec<u64>,
     },
-    /// Those that were rejected by the main path, in any way.
-    Rejected,
+    /// Those that failed a guard of the hot path, by the plain stages.
+    Fallback,
 }
 
-impl EndLogs {
+impl LogBuffers {
     /// The logs of dispatches of at most so many rays.
     ///
     /// # Errors
     /// [`Error::Device`] if the adapter cannot bind so much.
-    pub fn new(gpu: &Gpu, shape: EndLog, path: Option<PathLog>, cells: &Cells, rays: u32) -> Result<Self> {
+    pub fn new(
+        gpu: &Gpu,
+        shape: DepositLog,
+        path: Option<PathLog>,
+        cells: &Cells,
+        rays: u32,
+    ) -> Result<Self> {
         let stride = rays.next_multiple_of(8) + OFF_POWERS_OF_TWO;
-        Ok(EndLogs {
+        Ok(LogBuffers {
             devices: vec![DeviceLogs::new(gpu, stride, shape.ray_bytes(path.as_ref()))?],
             sums: no_sums(num_threads(cells), cells, &shape),
             shape,
             path,
-            side_paths: Vec::new(),
+            side_traces: Vec::new(),
             stride,
             turn: 0,
             written: VecDeque::new(),
             first_end: None,
             times: Vec::new(),
-            rejected: Rejected::default(),
+            fallback: FallbackQueues::default(),
             num_followed: 0,
-            num_rejected: 0,
+            num_failed: 0,
         })
     }
 
-    /// Lets rays that are rejected by the main path follow side paths: where that pays, of so many rays that are to be traced,
+    /// Lets rays that fail a guard of the hot path follow side traces: where that pays, of so many rays that are to be traced,
     /// if that is known, or always.
-    pub fn follow_sides(&mut self, side_paths: &[SidePath], num_expected: Option<u64>, always: bool) {
-        self.side_paths = side_paths.iter().map(|side| side.log.clone()).collect();
-        self.rejected = Rejected::new(side_paths, num_expected, always);
+    pub fn follow_sides(&mut self, side_traces: &[SideTrace], num_expected: Option<u64>, always: bool) {
+        self.side_traces = side_traces.iter().map(|side| side.log.clone()).collect();
+        self.fallback = FallbackQueues::new(side_traces, num_expected, always);
     }
 
     /// The logs of each device.
@@ -147,7 +154,7 @@ impl EndLogs {
     pub fn keep_first_device(&mut self) {
         self.discard();
         self.devices.truncate(1);
-        self.rejected.keep_first_device();
+        self.fallback.keep_first_device();
         self.turn = 0;
     }
 
@@ -218,14 +225,14 @@ impl EndLogs {
         std::mem::take(&mut self.times)
     }
 
-    /// Begins a trace: forgets what is not added up, and the rejected rays.
+    /// Begins a trace: forgets what is not added up, and the rays that wait for their fallback.
     pub fn discard(&mut self) {
         for written in std::mem::take(&mut self.written) {
             self.log(written.turn).unmap();
         }
         self.times.clear();
-        self.rejected.discard();
-        (self.num_followed, self.num_rejected) = (0, 0);
+        self.fallback.discard();
+        (self.num_followed, self.num_failed) = (0, 0);
     }
 
     /// Adds up what is still to be.
@@ -239,30 +246,30 @@ impl EndLogs {
         Ok(())
     }
 
-    /// The rays that were rejected by the main path.
-    pub fn rejected(&mut self) -> &mut Rejected {
-        &mut self.rejected
+    /// The rays that failed a guard of the hot path, and wait for their fallback.
+    pub fn fallback(&mut self) -> &mut FallbackQueues {
+        &mut self.fallback
     }
 
-    /// How many rays of this trace were to keep to the main path, and how many of them were rejected.
-    pub fn num_followed_and_rejected(&self) -> [u64; 2] {
-        [self.num_followed, self.num_rejected]
+    /// How many rays of this trace were to keep to the hot path, and how many of them failed a guard.
+    pub fn num_followed_and_failed(&self) -> [u64; 2] {
+        [self.num_followed, self.num_failed]
     }
 
-    /// The same of each side path.
+    /// The same of each side trace.
     pub fn num_along_sides(&self) -> impl Iterator<Item = [u64; 2]> {
-        self.rejected.num_along_sides()
+        self.fallback.num_along_sides()
     }
 
     /// The sums since the last time.
     ///
     /// # Errors
     /// [`Error::Internal`] if those of the threads do not fit together.
-    pub fn take(&mut self, cells: &Cells) -> Result<EndSums> {
+    pub fn take(&mut self, cells: &Cells) -> Result<DepositSums> {
         let empty = no_sums(self.sums.len(), cells, &self.shape);
         let mut parts = std::mem::replace(&mut self.sums, empty);
-        let misfit = || Error::Internal("the threads that add up the log of ends have unlike sums".into());
-        parts.iter_mut().try_for_each(EndSums::settle).ok_or_else(misfit)?;
+        let misfit = || Error::Internal("the threads that add up the deposit log have unlike sums".into());
+        parts.iter_mut().try_for_each(DepositSums::settle).ok_or_else(misfit)?;
         let mut parts = parts.into_iter();
         let mut sums = parts.next().unwrap_or_default();
         parts.try_for_each(|part| sums.merge(&part)).ok_or_else(misfit)?;
@@ -282,9 +289,9 @@ impl EndLogs {
         self.times.extend(start.map(|start| (written.range.count, end.saturating_duration_since(start))));
         *last_end = Some(end);
         self.first_end.get_or_insert(end);
-        let rejected = {
+        let failures = {
             let bytes = log.get_mapped_range(..);
-            let bytes = bytes.map_err(|e| Error::Device(format!("reading the log of ends: {e}")))?;
+            let bytes = bytes.map_err(|e| Error::Device(format!("reading the deposit log: {e}")))?;
             let RayRange { count, source, .. } = written.range;
             let logged = LoggedRays {
                 bytes: &bytes,
@@ -294,38 +301,38 @@ impl EndLogs {
             };
             let path = match written.rays {
                 Rays::OfRange => self.path.as_ref(),
-                Rays::OfSide { side, .. } => self.side_paths.get(side).and_then(Option::as_ref),
-                Rays::Rejected => None,
+                Rays::OfSide { side, .. } => self.side_traces.get(side).and_then(Option::as_ref),
+                Rays::Fallback => None,
             };
             add_side_by_side(&mut self.sums, &logged, &self.shape, path)
         };
         log.unmap();
-        self.note_rejected(&rejected?, &written)
+        self.note_failures(&failures?, &written)
     }
 
-    /// Notes the rays of a dispatch that were rejected.
-    fn note_rejected(&mut self, rejected: &[RejectedRay], written: &Written) -> Result<()> {
+    /// Notes the rays of a dispatch that failed a guard.
+    fn note_failures(&mut self, failures: &[GuardFailure], written: &Written) -> Result<()> {
         let range = &written.range;
         match &written.rays {
             Rays::OfRange => {
                 self.num_followed += u64::from(range.count);
-                self.num_rejected += rejected.len() as u64;
-                self.rejected.add(rejected, range);
+                self.num_failed += failures.len() as u64;
+                self.fallback.add(failures, range);
                 Ok(())
             }
             Rays::OfSide { side, ids } => {
                 let unknown =
-                    || Error::Internal("a ray that nobody traced was rejected by a side path".into());
-                self.rejected.add_of_side(*side, rejected, ids, range.source).ok_or_else(unknown)
+                    || Error::Internal("a ray that nobody traced was failed a guard of a side trace".into());
+                self.fallback.add_of_side(*side, failures, ids, range.source).ok_or_else(unknown)
             }
-            Rays::Rejected => Ok(()),
+            Rays::Fallback => Ok(()),
         }
     }
 }
 
 impl DeviceLogs {
     fn new(gpu: &Gpu, stride: u32, ray_bytes: u64) -> Result<Self> {
-        let log = || gpu.mappable_buffer("the log of ends", u64::from(stride) * ray_bytes);
+        let log = || gpu.mappable_buffer("the deposit log", u64::from(stride) * ray_bytes);
         Ok(DeviceLogs { gpu: gpu.clone(), last_end: None, buffers: [log()?, log()?] })
     }
 
@@ -347,17 +354,17 @@ fn num_threads(cells: &Cells) -> usize {
 }
 
 /// Empty sums, one for each thread.
-fn no_sums(num_threads: usize, cells: &Cells, shape: &EndLog) -> Vec<EndSums> {
-    (0..num_threads).map(|_| EndSums::new(cells, shape.form)).collect()
+fn no_sums(num_threads: usize, cells: &Cells, shape: &DepositLog) -> Vec<DepositSums> {
+    (0..num_threads).map(|_| DepositSums::new(cells, shape.format)).collect()
 }
 
-/// Adds up what rays logged, a part of them in each thread, and tells which rays were rejected.
+/// Adds up what rays logged, a part of them in each thread, and returns those that failed a guard.
 fn add_side_by_side(
-    sums: &mut [EndSums],
+    sums: &mut [DepositSums],
     logged: &LoggedRays,
-    shape: &EndLog,
+    shape: &DepositLog,
     path: Option<&PathLog>,
-) -> Result<Vec<RejectedRay>> {
+) -> Result<Vec<GuardFailure>> {
     let rays = &logged.rays;
     let entries_per_ray = path.map_or(shape.max_passes as usize + 1, PathLog::num_rows);
     let num_entries = rays.len() * entries_per_ray;
@@ -365,13 +372,13 @@ fn add_side_by_side(
     let part_rays = rays.len().div_ceil(num_parts).max(1);
     let part = |first| LoggedRays { rays: first..(first + part_rays).min(rays.end), ..*logged };
     let parts = rays.clone().step_by(part_rays).map(part);
-    let add = |(sums, part): (&mut EndSums, LoggedRays)| {
-        let mut rejected = Vec::new();
+    let add = |(sums, part): (&mut DepositSums, LoggedRays)| {
+        let mut failures = Vec::new();
         let added = match path {
-            Some(path) => sums.add_path(&part, shape.form, path, &mut rejected),
-            None => sums.add(&part, shape, &mut rejected),
+            Some(path) => sums.add_path(&part, shape.format, path, &mut failures),
+            None => sums.add(&part, shape, &mut failures),
         };
-        added.map(|()| rejected).ok_or_else(no_such_cell)
+        added.map(|()| failures).ok_or_else(no_such_cell)
     };
     std::thread::scope(|scope| {
         let mut parts = sums.iter_mut().zip(parts);
@@ -379,31 +386,31 @@ fn add_side_by_side(
         let thread = |part| std::thread::Builder::new().spawn_scoped(scope, move || add(part));
         let no_thread = |error| Error::Device(format!("no thread to add up where rays end: {error}"));
         let others = parts.map(thread).collect::<std::io::Result<Vec<_>>>().map_err(no_thread)?;
-        let mut rejected = own.map_or_else(|| Ok(Vec::new()), add)?;
+        let mut failures = own.map_or_else(|| Ok(Vec::new()), add)?;
         for other in others {
-            let failed = |_| Error::Internal("a thread that adds up the log of ends failed".into());
-            rejected.append(&mut other.join().map_err(failed)??);
+            let failed = |_| Error::Internal("a thread that adds up the deposit log failed".into());
+            failures.append(&mut other.join().map_err(failed)??);
         }
-        Ok(rejected)
+        Ok(failures)
     })
 }
 
 fn no_such_cell() -> Error {
-    Error::Internal("the log of ends names a cell that does not exist".into())
+    Error::Internal("the deposit log names a cell that does not exist".into())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cpu::log::format::{Form, Taps};
+    use crate::cpu::log::format::{EntryFormat, LoggedTaps};
     use crate::model::SceneIr;
 
-    fn log(form: Form, max_passes: u32) -> EndLog {
-        EndLog { form, taps: Taps::None, max_passes, grids: Vec::new(), weights: Vec::new() }
+    fn log(format: EntryFormat, max_passes: u32) -> DepositLog {
+        DepositLog { format, taps: LoggedTaps::None, max_passes, grids: Vec::new(), weights: Vec::new() }
     }
 
     fn scene() -> SceneIr {
-        let text = include_str!("../../scenes/cooke_triplet.json");
+        let text = include_str!("../../../scenes/cooke_triplet.json");
         crate::Scene::from_json(text).unwrap().lower().unwrap()
     }
 
@@ -417,43 +424,44 @@ mod tests {
         assert_eq!(places(2), [(0, 0), (1, 0), (0, 1), (1, 1)]);
     }
 
-    /// What so many threads make of a log, whose rays end in one cell after the other, pass first, or were rejected.
-    fn added(num_threads: usize, num: usize) -> (EndSums, Vec<RejectedRay>) {
-        let [in_cell, passes, rejected]: [u64; 3] = [1 << 26, 1 << 29, 1 << 30];
+    /// What so many threads make of a log, whose rays end in one cell after the other, pass first, or failed a guard.
+    fn added(num_threads: usize, num: usize) -> (DepositSums, Vec<GuardFailure>) {
+        let [in_cell, passes, guard_failed]: [u64; 3] = [1 << 26, 1 << 29, 1 << 30];
         let cells = Cells::of(&scene());
-        let shape = log(Form::Packed, 1);
+        let shape = log(EntryFormat::Packed, 1);
         let stride = num + 3;
         let weight = |ray: usize| u64::from((1.0 + ray as f32).to_bits()) << 32;
         let cell = |ray: usize| ray as u64 % u64::from(cells.num_cells);
         let first = |ray| match ray % 7 {
-            0 => rejected | (ray as u64 % 5),
+            0 => guard_failed | (ray as u64 % 5),
             1 => in_cell | passes | cell(ray) | weight(ray),
             _ => in_cell | cell(ray) | weight(ray),
         };
         let mut entries: Vec<u64> = (0..stride).map(first).collect();
         entries.extend((0..stride).map(|ray| in_cell | cell(ray + 1) | weight(ray)));
-        let mut sums: Vec<EndSums> = (0..num_threads).map(|_| EndSums::new(&cells, shape.form)).collect();
+        let mut sums: Vec<DepositSums> =
+            (0..num_threads).map(|_| DepositSums::new(&cells, shape.format)).collect();
         let logged = LoggedRays { bytes: bytemuck::cast_slice(&entries), rays: 0..num, stride, weight: 0.0 };
-        let rejected = add_side_by_side(&mut sums, &logged, &shape, None).unwrap();
-        let mut all = EndSums::new(&cells, shape.form);
+        let failures = add_side_by_side(&mut sums, &logged, &shape, None).unwrap();
+        let mut all = DepositSums::new(&cells, shape.format);
         sums.iter().for_each(|part| all.merge(part).unwrap());
-        (all, rejected)
+        (all, failures)
     }
 
     #[test]
     fn any_number_of_threads_adds_up_the_same() {
         for num in [1, LEAST_ENTRIES, 3 * LEAST_ENTRIES + 1, 4 * LEAST_ENTRIES + 63] {
-            let (alone, rejected) = added(1, num);
-            let ray = |ray: u32| RejectedRay { ray, event: ray % 5 };
-            assert!(rejected.iter().copied().eq((0..num as u32).step_by(7).map(ray)));
-            assert_eq!(alone.counts.iter().sum::<u64>(), (num - rejected.len() + (num + 5) / 7) as u64);
+            let (alone, failures) = added(1, num);
+            let ray = |ray: u32| GuardFailure { ray, event: ray % 5 };
+            assert!(failures.iter().copied().eq((0..num as u32).step_by(7).map(ray)));
+            assert_eq!(alone.counts.iter().sum::<u64>(), (num - failures.len() + (num + 5) / 7) as u64);
             for num_threads in [2, 3, 8] {
-                let (sums, rejected_of_threads) = added(num_threads, num);
+                let (sums, failed_of_threads) = added(num_threads, num);
                 assert!(
                     sums.counts == alone.counts && sums.quanta().eq(alone.quanta()),
                     "{num_threads}, {num}"
                 );
-                assert_eq!(rejected_of_threads, rejected);
+                assert_eq!(failed_of_threads, failures);
             }
         }
     }
@@ -461,11 +469,11 @@ mod tests {
     #[test]
     fn a_cell_that_does_not_exist_is_refused_in_any_thread() {
         let cells = Cells::of(&scene());
-        let shape = log(Form::Counts, 0);
+        let shape = log(EntryFormat::Counts, 0);
         for part in 0..3 {
             let mut entries = vec![0_u32; 3 * LEAST_ENTRIES];
             entries[part * LEAST_ENTRIES + 5] = 1 << 26 | cells.num_counters;
-            let mut sums: Vec<EndSums> = (0..3).map(|_| EndSums::new(&cells, shape.form)).collect();
+            let mut sums: Vec<DepositSums> = (0..3).map(|_| DepositSums::new(&cells, shape.format)).collect();
             let bytes = bytemuck::cast_slice(&entries);
             let logged = LoggedRays { bytes, rays: 0..entries.len(), stride: 1, weight: 0.0 };
             assert!(

@@ -1,4 +1,4 @@
-// A stage that follows a path counts no rays on wrong sides (optics/wrong_sides.counted.wgsl): such a ray is rejected,
+// A stage that follows a path counts no rays on wrong sides (optics/wrong_sides.counted.wgsl): such a ray fails a guard,
 // and trace_new traces it anew and counts it. Where the path says how its rays cross, media are constants, and nothing of
 // this is left. Twin of sides.none.wgsl.
 

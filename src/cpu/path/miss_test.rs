@@ -1,40 +1,40 @@
-//! How little shows that a ray meets a primitive nowhere on a stretch of its way: without the roots and quotients that
-//! it takes to find where a ray meets one (`shaders/cpu/path/clearances.wgsl`).
+//! Cheap tests that prove a ray segment misses a primitive, without the root and quotient of an intersection
+//! (`shaders/cpu/path/miss_tests.wgsl`).
 //!
-//! Each clearance is sufficient: where it holds, the search finds nothing on the stretch, whatever it rounds. Along a ray
+//! Each miss test is sufficient: where it holds, the search finds nothing on the segment, whatever it rounds. Along a ray
 //! a quadric is F(t) = a t^2 + 2 g t + f, and what the search takes for a crossing at t has an |F(t)| of a few roundings
-//! of M = |radial| S^2 + |axial| S^2 + 2 |offset| S + |constant|, where S is the largest length on the stretch: both
+//! of M = |radial| S^2 + |axial| S^2 + 2 |offset| S + |constant|, where S is the largest length on the segment: both
 //! quotients of the citardauq formula are backward stable (Higham, Accuracy and Stability of Numerical Algorithms, 2nd
-//! ed., section 1.8). So an |F| of [`ROUNDINGS`] of them all along the stretch shows that it holds no crossing.
+//! ed., section 1.8). So an |F| of [`ROUNDINGS`] of them all along the segment shows that it holds no crossing.
 
-use crate::cpu::path::ways::Way;
+use crate::cpu::path::sampled_path::SampledPath;
 use crate::model::shapes::{Quadric, Slab};
 use crate::model::{Frame, Shape, ShapeKind};
 use crate::program::Precision;
 use glam::DVec3;
 
-/// A clearance leaves room for so many roundings of M; the search makes some fifty, and what looks at the far end of a
-/// stretch some ten times as many: its length may be 6 S, twice S at the highest of [`PACES`].
+/// A miss test leaves room for so many roundings of M; the search makes some fifty, and what looks at the far end of a
+/// segment some ten times as many: its length may be 6 S, twice S at the highest of [`PACES`].
 const ROUNDINGS: f64 = 1024.0;
 
 /// How far rays may go, at most, while they go 1 along z ([`Exit::pace`]): the least that nearly all keep to is taken.
 const PACES: [f64; 3] = [1.05, 1.5, 3.0];
 
-/// What shows that a ray is clear of a primitive, in the primitive's frame: something to be seen of a stretch of its way.
+/// A test that proves, in the primitive's frame, that a segment of a ray misses the primitive.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Clearance {
-    /// What is to be seen.
+pub struct MissTest {
+    /// What proves it.
     pub sign: Sign,
-    /// Where the stretch ends; where there is none, it ends at the next event.
+    /// Where the segment ends; where there is none, it ends at the next event.
     pub exit: Option<Exit>,
 }
 
-/// What is to be seen of a stretch.
+/// What proves that a segment misses a primitive.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Sign {
-    /// The ray leaves the primitive's quadric, whose other crossing lies behind it or beyond the stretch.
+    /// The ray leaves the primitive's quadric, whose other crossing lies behind it or beyond the segment.
     Leaves,
-    /// Both ends of the stretch lie before the slab that holds the primitive, or both behind it.
+    /// Both ends of the segment lie before the slab that holds the primitive, or both behind it.
     Beside {
         /// Where the slab begins in z \[mm\].
         low: f64,
@@ -48,7 +48,7 @@ pub enum Sign {
         /// The squared radius \[mm^2\].
         limit: f64,
     },
-    /// On the whole stretch the quadric is farther from 0 than this.
+    /// On the whole segment the quadric is farther from 0 than this.
     Off {
         /// In units of the quadric.
         margin: f64,
@@ -64,9 +64,9 @@ pub struct Exit {
     pub pace: f64,
 }
 
-/// Part of a ray's way, from one event to the next \[mm\].
+/// A segment of a ray, from one event to the next \[mm\].
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Stretch {
+pub struct Segment {
     /// Where it begins.
     pub from: DVec3,
     /// Where it ends.
@@ -81,9 +81,9 @@ struct Along {
     f: f64,
 }
 
-impl Clearance {
-    /// The cheapest one of a primitive that holds for nearly all rays of a pilot, on a stretch that ends at the next event, if
-    /// `ends`, or nowhere; or none. `leaving` tells that it begins on the primitive. Of a stretch that ends, no corner of its
+impl MissTest {
+    /// The cheapest one of a primitive that holds for nearly all profiled rays, on a segment that ends at the next event, if
+    /// `ends`, or nowhere. `None` if none does. `leaving`: the segment begins on the primitive. Of a segment that ends, no corner of its
     /// box is farther from the frame's origin than `size` \[mm\]: what a ray meets beyond lies behind the event. Of one that
     /// ends nowhere, nor is one of the primitive's box.
     pub fn of(
@@ -92,7 +92,7 @@ impl Clearance {
         ends: bool,
         size: f64,
         precision: Precision,
-        pilot: &mut Pilot,
+        profiled: &mut ProfiledRays,
     ) -> Option<Self> {
         let epsilon = 1.0 / precision.significands();
         let slab = slab(shape, size, ROUNDINGS * epsilon);
@@ -114,25 +114,25 @@ impl Clearance {
                 [beside.filter(|_| ends), (!ends).then_some(Sign::Past), inside, off]
             }
         };
-        let mut clearances = signs.into_iter().flatten().flat_map(|sign| {
+        let mut miss_tests = signs.into_iter().flatten().flat_map(|sign| {
             let to_end = ends.then_some(None);
-            to_end.into_iter().chain(exits(sign, slab).map(Some)).map(move |exit| Clearance { sign, exit })
+            to_end.into_iter().chain(exits(sign, slab).map(Some)).map(move |exit| MissTest { sign, exit })
         });
-        clearances.find(|clearance| pilot.takes(frame, |stretch| clearance.holds(shape, stretch)))
+        miss_tests.find(|miss_test| profiled.takes(frame, |segment| miss_test.holds(shape, segment)))
     }
 
-    /// Whether a stretch in the primitive's frame is clear, as the shader's functions would find but for roundings.
-    fn holds(&self, shape: &Shape, stretch: &Stretch) -> bool {
-        let (direction, length) = stretch.direction_and_length();
+    /// Whether the test holds for a segment in the primitive's frame, as the shader's functions would find but for roundings.
+    fn holds(&self, shape: &Shape, segment: &Segment) -> bool {
+        let (direction, length) = segment.direction_and_length();
         if length.is_nan() || length <= 0.0 {
             return false;
         }
         let distance = match self.exit {
             None => length,
-            Some(exit) if exit.is_kept_to(direction) => exit.distance(stretch.from),
+            Some(exit) if exit.is_kept_to(direction) => exit.distance(segment.from),
             Some(_) => return false,
         };
-        self.sign.holds(shape, stretch.from, direction, distance)
+        self.sign.holds(shape, segment.from, direction, distance)
     }
 }
 
@@ -174,10 +174,10 @@ fn exits(sign: Sign, slab: Option<[f64; 2]>) -> impl Iterator<Item = Exit> {
     })
 }
 
-impl Stretch {
-    fn within(&self, frame: &Frame) -> Stretch {
+impl Segment {
+    fn within(&self, frame: &Frame) -> Segment {
         let local = |p: DVec3| frame.rotation.transpose() * (p - frame.origin);
-        Stretch { from: local(self.from), to: local(self.to) }
+        Segment { from: local(self.from), to: local(self.to) }
     }
 
     fn direction_and_length(&self) -> (DVec3, f64) {
@@ -187,45 +187,46 @@ impl Stretch {
     }
 }
 
-/// Whether nearly all rays end their stretches on a conic at the crossing that is nearer to their line's closest approach to
+/// Whether nearly all rays end their segments on a conic at the crossing that is nearer to their line's closest approach to
 /// its origin, and are seen to do so (`nearer_conic_distance` in the shader).
-pub fn end_at_nearer_crossing((frame, shape): &(Frame, Shape), pilot: &mut Pilot) -> bool {
-    shape.kind() == ShapeKind::Conic && pilot.takes(frame, |stretch| ends_at_nearer_crossing(shape, stretch))
+pub fn end_at_nearer_crossing((frame, shape): &(Frame, Shape), profiled: &mut ProfiledRays) -> bool {
+    shape.kind() == ShapeKind::Conic
+        && profiled.takes(frame, |segment| ends_at_nearer_crossing(shape, segment))
 }
 
-fn ends_at_nearer_crossing(shape: &Shape, stretch: &Stretch) -> bool {
-    let (direction, distance) = stretch.direction_and_length();
-    let shift = -stretch.from.dot(direction);
-    let Along { a, g, f } = Along::of(shape, stretch.from + shift * direction, direction);
+fn ends_at_nearer_crossing(shape: &Shape, segment: &Segment) -> bool {
+    let (direction, distance) = segment.direction_and_length();
+    let shift = -segment.from.dot(direction);
+    let Along { a, g, f } = Along::of(shape, segment.from + shift * direction, direction);
     let q = -(g + (g * g - a * f).sqrt().copysign(g));
     let t = f / q;
-    // A pilot in f32 has its roundings.
+    // Profiled rays in f32 have its roundings.
     let is_met = (t + shift - distance).abs() <= 1e-3 * distance;
     let room = (t + shift).abs() + 0.002 * (t.abs() + shift.abs());
     is_met && (2.0 * q - a * (t - shift)).abs() > a.abs() * room
 }
 
 /// How nearly all rays come to a shape and go on from it: along its normal, which is to the side of its back medium, or
-/// against it; nothing where that is not the same for nearly all. A stretch without a length, between faces in contact,
-/// tells nothing: then the other does, and they are taken to go through.
-pub fn sides((frame, shape): &(Frame, Shape), pilot: &mut Pilot) -> Option<[bool; 2]> {
+/// against it; nothing where that is not the same for nearly all. A segment without a length, between faces in contact,
+/// shows nothing: then the other does, and they are taken to go through.
+pub fn sides((frame, shape): &(Frame, Shape), profiled: &mut ProfiledRays) -> Option<[bool; 2]> {
     let all = [[true, true], [false, false], [true, false], [false, true]];
     all.into_iter().find(|&along| {
-        pilot.takes_turn(frame, |stretches| {
-            let place = stretches[0].to;
-            let slopes = stretches.map(|stretch| Along::of(shape, place, stretch.to - stretch.from).g);
+        profiled.takes_turn(frame, |segments| {
+            let place = segments[0].to;
+            let slopes = segments.map(|segment| Along::of(shape, place, segment.to - segment.from).g);
             let agrees = |(slope, along): (f64, bool)| if along { slope >= 0.0 } else { slope <= 0.0 };
             slopes != [0.0; 2] && slopes.into_iter().zip(along).all(agrees)
         })
     })
 }
 
-/// The rays of a pilot that take the path, and what was assumed of them.
+/// The profiled rays that take the path, and what was assumed of them.
 #[derive(Debug)]
-pub struct Pilot<'a> {
+pub struct ProfiledRays<'a> {
     /// Theirs.
-    ways: &'a [Way],
-    /// The stretch that is looked at, by its number.
+    samples: &'a [SampledPath],
+    /// The segment that is looked at, by its number.
     pub step: usize,
     /// For so many of the rays all that is taken must hold.
     least_share: f64,
@@ -233,38 +234,38 @@ pub struct Pilot<'a> {
     keeps: Vec<bool>,
 }
 
-impl<'a> Pilot<'a> {
+impl<'a> ProfiledRays<'a> {
     /// Rays of whom nothing is assumed yet, and the share of them for which all that is taken must hold.
-    pub fn new(ways: &'a [Way], least_share: f64) -> Self {
-        Pilot { ways, step: 0, least_share, keeps: vec![true; ways.len()] }
+    pub fn new(samples: &'a [SampledPath], least_share: f64) -> Self {
+        ProfiledRays { samples, step: 0, least_share, keeps: vec![true; samples.len()] }
     }
 
     /// Takes something for granted, if it and all that was taken before hold for the least share of the rays, in the
     /// frame of a primitive.
-    pub fn takes(&mut self, frame: &Frame, holds: impl Fn(&Stretch) -> bool) -> bool {
+    pub fn takes(&mut self, frame: &Frame, holds: impl Fn(&Segment) -> bool) -> bool {
         let step = self.step;
-        self.takes_of_each(|way| match way.positions.get(step..step + 2) {
-            Some(&[from, to]) => holds(&Stretch { from, to }.within(frame)),
+        self.takes_of_each(|sample| match sample.positions.get(step..step + 2) {
+            Some(&[from, to]) => holds(&Segment { from, to }.within(frame)),
             _ => false,
         })
     }
 
-    /// The same of the stretch and the one behind it.
-    pub fn takes_turn(&mut self, frame: &Frame, holds: impl Fn([&Stretch; 2]) -> bool) -> bool {
+    /// The same of the segment and the one behind it.
+    pub fn takes_turn(&mut self, frame: &Frame, holds: impl Fn([&Segment; 2]) -> bool) -> bool {
         let step = self.step;
-        self.takes_of_each(|way| match way.positions.get(step..step + 3) {
+        self.takes_of_each(|sample| match sample.positions.get(step..step + 3) {
             Some(&[from, at, to]) => {
                 let [before, after] =
-                    [Stretch { from, to: at }, Stretch { from: at, to }].map(|stretch| stretch.within(frame));
+                    [Segment { from, to: at }, Segment { from: at, to }].map(|segment| segment.within(frame));
                 holds([&before, &after])
             }
             _ => false,
         })
     }
 
-    fn takes_of_each(&mut self, is_so: impl Fn(&Way) -> bool) -> bool {
-        let rays = self.keeps.iter().zip(self.ways);
-        let keeps: Vec<bool> = rays.map(|(keeps, way)| *keeps && is_so(way)).collect();
+    fn takes_of_each(&mut self, is_so: impl Fn(&SampledPath) -> bool) -> bool {
+        let rays = self.keeps.iter().zip(self.samples);
+        let keeps: Vec<bool> = rays.map(|(keeps, sample)| *keeps && is_so(sample)).collect();
         let num = keeps.iter().filter(|keeps| **keeps).count();
         let pays = num > 0 && num as f64 >= self.least_share * keeps.len() as f64;
         if pays {
@@ -320,7 +321,7 @@ fn magnitude(shape: &Shape, size: f64) -> f64 {
     (radial.abs() + axial.abs()) * size * size + 2.0 * offset.abs() * size + constant.abs()
 }
 
-/// The quadric of a shape. A main path is looked for where every shape has one.
+/// The quadric of a shape. A hot path is looked for where every shape has one.
 fn quadric(shape: &Shape) -> Quadric {
     shape.quadric().unwrap_or(Quadric::PLANE)
 }
@@ -352,13 +353,13 @@ mod tests {
         ]
     }
 
-    fn to_the_end(sign: Sign) -> Clearance {
-        Clearance { sign, exit: None }
+    fn to_the_end(sign: Sign) -> MissTest {
+        MissTest { sign, exit: None }
     }
 
     /// Where a straight line meets a shape, found by small steps along it: true if it crosses the quadric so near to a
     /// place of the shape.
-    fn is_met(shape: &Shape, line: &Stretch) -> bool {
+    fn is_met(shape: &Shape, line: &Segment) -> bool {
         let on_shape = |p: DVec3| {
             if let Shape::Conic(Conic { curvature, conic, aperture_radius }) = *shape {
                 1.0 - (1.0 + conic) * curvature * p.z >= 0.0 && p.truncate().length() <= aperture_radius
@@ -378,9 +379,9 @@ mod tests {
         })
     }
 
-    /// The quadric at many places of the stretch.
-    fn samples(shape: Shape, stretch: Stretch) -> impl Iterator<Item = f64> {
-        let at = move |i| stretch.from.lerp(stretch.to, f64::from(i) / 1000.0);
+    /// The quadric at many places of the segment.
+    fn samples(shape: Shape, segment: Segment) -> impl Iterator<Item = f64> {
+        let at = move |i| segment.from.lerp(segment.to, f64::from(i) / 1000.0);
         (0..=1000).map(move |i| Along::of(&shape, at(i), DVec3::Z).f)
     }
 
@@ -388,37 +389,37 @@ mod tests {
         #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
 
         #[test]
-        fn a_stretch_that_stays_off_a_quadric_has_no_crossing(
+        fn a_segment_that_stays_off_a_quadric_has_no_crossing(
             shape in shape(), from in point(6.0), to in point(6.0), margin in 0.0..0.5f64,
         ) {
-            let stretch = Stretch { from, to };
-            if to_the_end(Sign::Off { margin }).holds(&shape, &stretch) {
+            let segment = Segment { from, to };
+            if to_the_end(Sign::Off { margin }).holds(&shape, &segment) {
                 let is_negative = Along::of(&shape, from, DVec3::Z).f < 0.0;
-                for value in samples(shape, stretch) {
+                for value in samples(shape, segment) {
                     prop_assert!((value < 0.0) == is_negative && value.abs() > 0.99 * margin, "{value}");
                 }
             }
         }
 
         #[test]
-        fn a_stretch_without_a_crossing_is_seen_to_stay_off(
+        fn a_segment_without_a_crossing_is_seen_to_stay_off(
             shape in shape(), from in point(6.0), to in point(6.0),
         ) {
-            let stretch = Stretch { from, to };
+            let segment = Segment { from, to };
             let no_crossing =
-                samples(shape.clone(), stretch).all(|f| f > 1e-3) || samples(shape.clone(), stretch).all(|f| f < -1e-3);
+                samples(shape.clone(), segment).all(|f| f > 1e-3) || samples(shape.clone(), segment).all(|f| f < -1e-3);
             let way = to - from;
             let along = Along::of(&shape, from, way.normalize());
             let there = along.g + along.a * way.length();
             // What bends towards 0 between the ends is not looked at any closer.
             let bends = (along.g < 0.0) != (there < 0.0) && (along.a < 0.0) == (along.f < 0.0);
             let off = to_the_end(Sign::Off { margin: 1e-4 });
-            prop_assert!(off.holds(&shape, &stretch) || bends || !no_crossing);
+            prop_assert!(off.holds(&shape, &segment) || bends || !no_crossing);
         }
 
-        /// Whatever is taken for a clearance of one ray is one: far beyond its exit as well, if it has one.
+        /// Whatever is taken for a miss test of one ray is one: far beyond its exit as well, if it has one.
         #[test]
-        fn a_clearance_that_is_found_shows_that_nothing_is_met(
+        fn a_miss_test_that_is_found_shows_that_nothing_is_met(
             shape in prop_oneof![
                 shape().prop_filter("a ball has no end", |shape| !matches!(shape, Shape::Sphere(Sphere { .. }))),
                 (1.0..4.0f64).prop_map(|inner_radius| Shape::Annulus(Annulus {
@@ -428,14 +429,14 @@ mod tests {
             from in point(6.0), to in point(6.0), ends: bool,
         ) {
             let far = from + 8.0 * (to - from);
-            let way = Way { positions: vec![from, to, far], weights: Vec::new() };
-            let mut pilot = Pilot::new(std::slice::from_ref(&way), 1.0);
+            let way = SampledPath { positions: vec![from, to, far], weights: Vec::new() };
+            let mut profiled = ProfiledRays::new(std::slice::from_ref(&way), 1.0);
             let frame = Frame { origin: DVec3::ZERO, rotation: glam::DMat3::IDENTITY };
-            let found = Clearance::of(&(frame, shape.clone()), false, ends, 11.0, Precision::F64, &mut pilot);
-            if let Some(clearance) = found {
-                let until = if clearance.exit.is_some() { far } else { to };
-                prop_assert!(!is_met(&shape, &Stretch { from, to: until }), "{clearance:?}");
-                prop_assert!(ends || clearance.exit.is_some());
+            let found = MissTest::of(&(frame, shape.clone()), false, ends, 11.0, Precision::F64, &mut profiled);
+            if let Some(miss_test) = found {
+                let until = if miss_test.exit.is_some() { far } else { to };
+                prop_assert!(!is_met(&shape, &Segment { from, to: until }), "{miss_test:?}");
+                prop_assert!(ends || miss_test.exit.is_some());
             }
         }
 
@@ -447,14 +448,14 @@ mod tests {
             let root = (1.0 - (1.0 + conic) * (curvature * x).powi(2)).sqrt();
             prop_assume!(root > 0.0);
             let from = DVec3::new(x, 0.0, curvature * x * x / (1.0 + root));
-            let way = Way { positions: vec![from, to], weights: Vec::new() };
-            let mut pilot = Pilot::new(std::slice::from_ref(&way), 1.0);
+            let way = SampledPath { positions: vec![from, to], weights: Vec::new() };
+            let mut profiled = ProfiledRays::new(std::slice::from_ref(&way), 1.0);
             let frame = Frame { origin: DVec3::ZERO, rotation: glam::DMat3::IDENTITY };
-            let found = Clearance::of(&(frame, shape.clone()), true, ends, 70.0, Precision::F64, &mut pilot);
+            let found = MissTest::of(&(frame, shape.clone()), true, ends, 70.0, Precision::F64, &mut profiled);
             if found.is_some() {
                 // It begins on the cap.
                 let start = from.lerp(to, 1e-3);
-                prop_assert!(!is_met(&shape, &Stretch { from: start, to }), "{found:?}");
+                prop_assert!(!is_met(&shape, &Segment { from: start, to }), "{found:?}");
             }
         }
 

@@ -1,5 +1,5 @@
-//! What suits an adapter that is a processor: where sums are added up, in what memory tables lie, how many rays an invocation
-//! follows. Of a graphics processor it is nothing that the plain loop does not do.
+//! What suits an adapter that is a processor: where sums are added up, and in what memory tables lie. On a GPU nothing is
+//! set: the plain loop does everything.
 
 use crate::gpu::compute::TEXEL_BYTES;
 use crate::gpu::{Gpu, processors};
@@ -7,11 +7,11 @@ use crate::program::TEXELS_PER_LINE;
 
 /// What suits an adapter.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Profile {
+pub struct AdapterTraits {
     /// How many processors the adapter is; none if it is no processor.
     pub processors: Option<u32>,
     /// The host should add up where rays end: on a processor, an atomic costs each emulated lane ten times a store.
-    pub host_sums: bool,
+    pub deferred_splats: bool,
     /// Tables of at most so many bytes are better read from a uniform buffer than from a storage buffer. Processors read
     /// uniforms, by words, without a check of every lane; GPUs read storage faster where invocations diverge.
     pub uniform_bytes: u32,
@@ -24,16 +24,16 @@ pub struct Profile {
     pub two_devices: bool,
 }
 
-impl Profile {
-    /// That of an open device.
+impl AdapterTraits {
+    /// What suits an open device.
     pub fn of(gpu: &Gpu) -> Self {
         if !gpu.info.class.emulates_lanes() {
-            return Profile::default();
+            return AdapterTraits::default();
         }
         let (limits, processors) = (gpu.device.limits(), processors::count() as u32);
-        Profile {
+        AdapterTraits {
             processors: Some(processors),
-            host_sums: gpu.has_shared_memory(),
+            deferred_splats: gpu.has_shared_memory(),
             uniform_bytes: limits.max_uniform_buffer_binding_size.min(u64::from(u32::MAX)) as u32,
             texel_bytes: if gpu.info.is_vulkan() { texel_bytes(gpu, &limits) } else { 0 },
             two_devices: gpu.info.is_vulkan() && processors > 1,

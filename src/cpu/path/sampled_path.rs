@@ -1,24 +1,24 @@
-//! What the rays of a pilot trace did.
+//! The paths that the rays of a profiling run took.
 
 use glam::DVec3;
 
-/// What a pilot's rays say of the path.
+/// A path, and the profiled rays that take it.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct PilotPath {
+pub struct ProfiledPath {
     /// The primitives that they meet, in their order: surfaces first, then detectors.
     pub primitives: Vec<usize>,
     /// Of each ray that takes it.
-    pub ways: Vec<Way>,
+    pub samples: Vec<SampledPath>,
     /// Behind the last of the primitives they escape.
     pub escapes: bool,
     /// They are such a share of all rays.
     pub share: f64,
 }
 
-/// Where a ray is born, where it meets the primitives of its path and, if it was killed, where, or if it escapes, a place
+/// The path of one ray: where it is born, where it meets the primitives of its path and, if it was killed, where, or if it escapes, a place
 /// behind the last of them; and what it weighs there.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Way {
+pub struct SampledPath {
     /// \[mm\]
     pub positions: Vec<DVec3>,
     /// On arrival.

@@ -8,11 +8,11 @@
 mod zoo;
 
 use glam::{DMat3, DQuat, DVec3};
-use nsq_gpu::cpu::When;
-use nsq_gpu::cpu::added::CpuExtension;
-use nsq_gpu::cpu::path::clearance::{Clearance, Sign};
-use nsq_gpu::cpu::path::main_path::{Crossing, MainPath};
-use nsq_gpu::cpu::path::side_path::SidePath;
+use nsq_gpu::cpu::Override;
+use nsq_gpu::cpu::path::hot_path::{Crossing, HotPath};
+use nsq_gpu::cpu::path::miss_test::{MissTest, Sign};
+use nsq_gpu::cpu::path::side_trace::SideTrace;
+use nsq_gpu::cpu::request::CpuShader;
 use nsq_gpu::model::{
     Annulus, Collimated, Conic, DetectorKind, Frame, Frustum, Interaction, Outline, Point, SceneIr, Shape,
     SourceKind, Spectrum, Sphere, Surface,
@@ -35,22 +35,23 @@ fn options(precision: Precision) -> TraceOptions {
 }
 
 /// The tally, with the path that had a stage of its own.
-fn trace(ir: &SceneIr, options: &impl Asked) -> (Tally, Option<MainPath>) {
+fn trace(ir: &SceneIr, options: &impl Asked) -> (Tally, Option<HotPath>) {
     let mut tracer = options.tracer(zoo::gpu(), ir).unwrap();
     let tally = tracer.trace(|_| true).unwrap();
-    (tally, CpuExtension::of_program(tracer.program()).main_path.clone())
+    (tally, CpuShader::of_program(tracer.program()).hot_path.clone())
 }
 
 /// Of each place that the path's rays log, how often they arrive there; none where they log entries.
 fn arrivals(ir: &SceneIr, options: &impl Asked) -> Option<Vec<usize>> {
-    let tracer = with_main_path(options).tracer(zoo::gpu(), ir).unwrap();
-    let log = CpuExtension::of_program(tracer.program()).path_log.as_ref()?;
+    let tracer = with_hot_path(options).tracer(zoo::gpu(), ir).unwrap();
+    let log = CpuShader::of_program(tracer.program()).path_log.as_ref()?;
     Some(log.places.iter().map(|place| place.arrivals.len()).collect())
 }
 
-/// Along the main path and all side paths.
-fn with_main_path(options: &impl Asked) -> Forced {
-    options.with(|choices| (choices.main_path, choices.side_paths) = (When::Always, When::Always))
+/// Along the hot path and all side traces.
+fn with_hot_path(options: &impl Asked) -> Forced {
+    options
+        .with(|overrides| (overrides.hot_path, overrides.side_traces) = (Override::Always, Override::Always))
 }
 
 /// Asserts that without this text of the shader the bits are others.
@@ -73,11 +74,11 @@ const SOME: [&str; 7] = [
 /// Asserts that a scene has the same bits with the stage; false if it cannot have one.
 fn has_same_bits(name: &str, options: &TraceOptions) -> bool {
     let ir = zoo::load(name);
-    let (tally, main_path) = trace(&ir, &with_main_path(options));
-    if main_path.is_some() {
+    let (tally, hot_path) = trace(&ir, &with_hot_path(options));
+    if hot_path.is_some() {
         assert!(tally == trace(&ir, options).0, "{name} with {options:?}: other bits");
     }
-    main_path.is_some()
+    hot_path.is_some()
 }
 
 #[test]
@@ -90,15 +91,15 @@ fn the_stage_gives_the_same_bits_in_every_scene_that_has_one() {
     let places = |name: &&String| arrivals(&zoo::load(name), &options(Precision::F64)).is_some();
     println!("of them with places: {:?}", found.iter().filter(places).collect::<Vec<_>>());
     let missing: Vec<&&str> = SOME.iter().filter(|name| !found.iter().any(|found| found == *name)).collect();
-    assert!(missing.is_empty(), "no main path in {missing:?}");
+    assert!(missing.is_empty(), "no hot path in {missing:?}");
 }
 
 #[test]
 #[ignore = "long"]
-fn small_batches_and_rejected_rays_in_queues_have_the_same_bits() {
+fn small_batches_and_failed_rays_in_queues_have_the_same_bits() {
     for (name, precision) in SOME.into_iter().zip([Precision::F32, Precision::F64].into_iter().cycle()) {
         let options = TraceOptions { batch_size: Some(300), events_per_dispatch: 2, ..options(precision) };
-        assert!(has_same_bits(name, &options), "{name} has no main path");
+        assert!(has_same_bits(name, &options), "{name} has no hot path");
     }
 }
 
@@ -108,11 +109,11 @@ fn invocations_of_one_ray_or_several_have_the_same_bits() {
     for (i, name) in SOME.into_iter().enumerate() {
         let ir = zoo::load(name);
         let precision = [Precision::F32, Precision::F64][i % 2];
-        let rays = |num| options(precision).with(|choices| choices.rays_per_invocation = Some(num));
+        let rays = |num| options(precision).with(|overrides| overrides.rays_per_invocation = Some(num));
         let alone = trace(&ir, &rays(1)).0;
         for num in [1, 3, 8] {
-            let (tally, main_path) = trace(&ir, &with_main_path(&rays(num)));
-            assert!(main_path.is_some() && tally == alone, "{name}, {num} rays an invocation");
+            let (tally, hot_path) = trace(&ir, &with_hot_path(&rays(num)));
+            assert!(hot_path.is_some() && tally == alone, "{name}, {num} rays an invocation");
         }
     }
 }
@@ -157,12 +158,12 @@ fn rays_side_by_side_have_the_same_bits() {
             let tally = trace(ir, &rays).0;
             for (side_by_side, batch_size) in [(true, None), (true, Some(1001)), (false, None)] {
                 let rays = TraceOptions { batch_size, ..rays.clone() };
-                let with =
-                    with_main_path(&rays).with(|choices| choices.side_by_side = When::forced(side_by_side));
+                let with = with_hot_path(&rays)
+                    .with(|overrides| overrides.side_by_side = Override::forced(side_by_side));
                 let mut tracer = with.tracer(zoo::gpu(), ir).unwrap();
                 let has_pairs = tracer.program().wgsl.contains("follow_pair");
                 assert_eq!(has_pairs, side_by_side && is_possible, "{name}, {num_rays} rays");
-                assert!(CpuExtension::of_program(tracer.program()).main_path.is_some(), "{name} has no path");
+                assert!(CpuShader::of_program(tracer.program()).hot_path.is_some(), "{name} has no path");
                 let traced = tracer.trace(|_| true).unwrap();
                 assert!(traced == tally, "{name}, {num_rays} rays in {precision:?}: other bits");
             }
@@ -178,14 +179,14 @@ fn errors_in_rays_side_by_side_are_seen() {
     let rays = options(Precision::F32);
     let tally = trace(&lens, &rays).0;
     for text in ["    take_up_b();\n", "    put_by_b();\n"] {
-        assert_needed(text, &lens, &with_main_path(&rays), &tally);
+        assert_needed(text, &lens, &with_hot_path(&rays), &tally);
     }
     // Rays beyond the last one log over the next places of the first.
     let aslant = cavity_without_losses();
     let rays = TraceOptions { num_rays: 4150, max_depth: 6, ..options(Precision::F64) };
     let tally = trace(&aslant, &rays).0;
     let (right, wrong) = ("select(first, second, second < range.count)", "second");
-    let traced = zoo::edited(&aslant, &with_main_path(&rays), right, wrong).trace(|_| true);
+    let traced = zoo::edited(&aslant, &with_hot_path(&rays), right, wrong).trace(|_| true);
     assert!(traced.is_err() || traced.unwrap() != tally, "{wrong} is not seen");
 }
 
@@ -200,7 +201,7 @@ fn scenes_in_tables_have_the_same_bits() {
             batch_size: Some(900),
             ..options(precision)
         };
-        assert!(has_same_bits(name, &options), "{name} has no main path");
+        assert!(has_same_bits(name, &options), "{name} has no hot path");
     }
 }
 
@@ -212,14 +213,14 @@ fn rays_that_end_by_their_number_of_events_have_the_same_bits() {
     ir.sources[0].kind = SourceKind::Collimated(Collimated { aperture_radius: 12.0, sigma: Some(4.0) });
     for (max_depth, precision) in [(1, Precision::F64), (6, Precision::F32), (13, Precision::F64)] {
         let options = TraceOptions { max_depth, ..options(precision) };
-        let (tally, main_path) = trace(&ir, &with_main_path(&options));
-        let events = main_path.unwrap().events;
+        let (tally, hot_path) = trace(&ir, &with_hot_path(&options));
+        let events = hot_path.unwrap().events;
         assert!(events.len() == max_depth as usize && events.iter().all(|event| !event.ends));
         assert!(max_depth < 13 || tally.escaped.count > 0, "no ray is unlike the others");
         assert!(tally == trace(&ir, &options).0, "other bits to a depth of {max_depth}");
     }
     let deeper = TraceOptions { max_depth: 40, ..options(Precision::F32) };
-    assert!(trace(&ir, &with_main_path(&deeper)).1.is_none(), "a pilot so deep sees no end");
+    assert!(trace(&ir, &with_hot_path(&deeper)).1.is_none(), "a profile so deep sees no end");
 }
 
 /// Rays that arrive on a detector again and again at the same place log it once, and others each time.
@@ -249,7 +250,7 @@ fn what_rays_weigh_and_where_they_arrive_again_is_not_logged() {
         (&aslant, 6, 4000, Some(vec![1, 1, 1])),
         (&absorbing, 16, 4000, Some(vec![2])),
         (&two_detectors, 16, 4000, Some(vec![6, 5])),
-        // Rays of two weights; of one; and of two, but for those of the pilot.
+        // Rays of two weights; of one; and of two, but for those of the profile.
         (&two_sources(0.3), 5, 4000, None),
         (&two_sources(1.0), 5, 4000, Some(vec![3])),
         (&two_sources(1.0), 5, 4001, None),
@@ -257,22 +258,22 @@ fn what_rays_weigh_and_where_they_arrive_again_is_not_logged() {
         for precision in [Precision::F32, Precision::F64] {
             let options = TraceOptions { max_depth, num_rays, batch_size: Some(1500), ..options(precision) };
             assert_eq!(arrivals(ir, &options), expected, "{num_rays} rays to a depth of {max_depth}");
-            let (tally, main_path) = trace(ir, &with_main_path(&options));
-            assert!(main_path.is_some());
+            let (tally, hot_path) = trace(ir, &with_hot_path(&options));
+            assert!(hot_path.is_some());
             assert!(tally == trace(ir, &options).0, "{expected:?}: other bits");
         }
     }
     // Roundings decide how many places those from either side of a turned detector are.
     let options = options(Precision::F64);
     assert!(arrivals(&turned, &options).is_some_and(|arrivals| arrivals.iter().sum::<usize>() == 11));
-    assert!(trace(&turned, &with_main_path(&options)).0 == trace(&turned, &options).0, "other bits");
+    assert!(trace(&turned, &with_hot_path(&options)).0 == trace(&turned, &options).0, "other bits");
 }
 
 /// On how many of its ways a ray loses something to the media, where the path's rays log what they weigh; none where they do
 /// not.
 fn attenuating_legs(ir: &SceneIr, options: &TraceOptions) -> Option<u32> {
-    let tracer = with_main_path(options).tracer(zoo::gpu(), ir).unwrap();
-    CpuExtension::of_program(tracer.program()).path_log.as_ref()?.attenuating_legs
+    let tracer = with_hot_path(options).tracer(zoo::gpu(), ir).unwrap();
+    CpuShader::of_program(tracer.program()).path_log.as_ref()?.attenuating_legs
 }
 
 /// A lens whose glass takes a tenth of the light.
@@ -283,14 +284,14 @@ fn tinted_lens() -> SceneIr {
     ir
 }
 
-/// The same, and a lamp so weak that its rays are not among the pilot's of the path, but some of them take it; in whatever
+/// The same, and a lamp so weak that its rays are not among the profile's of the path, but some of them take it; in whatever
 /// medium it stands.
 fn tinted_lens_of_two_sources(medium: usize) -> SceneIr {
     let mut ir = tinted_lens();
     let mut lamp = ir.sources[0].clone();
     lamp.kind = SourceKind::Point(Point { half_angle: 1.2 });
     lamp.total_flux *= 0.003;
-    // In another glass that is the same: rays born in the lens's own would enter that twice, and be rejected for it.
+    // In another glass that is the same: rays born in the lens's own would enter that twice, and fail a guard for it.
     lamp.medium = if medium == SceneIr::VACUUM { medium } else { ir.media.len() };
     ir.media.push(ir.media[medium].clone());
     ir.sources.push(lamp);
@@ -366,7 +367,7 @@ fn where_media_alone_take_from_rays_they_log_what_they_weigh() {
             for (baked, gpu) in [(true, zoo::gpu()), (false, zoo::portable_gpu())] {
                 let rays = TraceOptions { baked: Some(baked), ..rays.clone() };
                 assert!(
-                    zoo::trace_on(gpu, ir, &with_main_path(&rays)) == tally,
+                    zoo::trace_on(gpu, ir, &with_hot_path(&rays)) == tally,
                     "{expected:?} in {precision:?}: other bits"
                 );
             }
@@ -382,7 +383,7 @@ fn errors_in_what_rays_lose_along_the_path_are_seen() {
     let lens = tinted_lens();
     let path_um = 4.0 * std::f64::consts::PI * 1e-6 * 5e3;
     let threshold = (-path_um / lens.wavelengths[0]).exp() * (1.0 + 2e-5);
-    // Of those of the pilot as well.
+    // Of those of the profile as well.
     let high = TraceOptions { min_flux_fraction: 0.91, ..options(Precision::F64) };
     assert_eq!(attenuating_legs(&lens, &high), None);
     // So little that no way through takes much.
@@ -396,7 +397,7 @@ fn errors_in_what_rays_lose_along_the_path_are_seen() {
     ] {
         for precision in [Precision::F32, Precision::F64] {
             let options = TraceOptions { min_flux_fraction, num_rays: 20_000, ..options(precision) };
-            let with = with_main_path(&options);
+            let with = with_hot_path(&options);
             let tally = trace(&ir, &options).0;
             assert_eq!(attenuating_legs(&ir, &options), Some(legs), "{right}");
             assert!(trace(&ir, &with).0 == tally, "{right}: other bits");
@@ -412,34 +413,34 @@ fn rays_that_roulette_has_spared_have_the_same_bits() {
     let ir = zoo::load("bench_cavity");
     for precision in [Precision::F32, Precision::F64] {
         let options = TraceOptions { max_depth: 8, min_flux_fraction: 0.95, ..options(precision) };
-        let (tally, main_path) = trace(&ir, &with_main_path(&options));
-        assert!(main_path.is_some() && tally.roulette_loss.count > 0);
+        let (tally, hot_path) = trace(&ir, &with_hot_path(&options));
+        assert!(hot_path.is_some() && tally.roulette_loss.count > 0);
         assert!(tally == trace(&ir, &options).0, "other bits");
     }
 }
 
-/// Dispatches of the stages that new rays, and rejected ones, go through.
+/// Dispatches of the stages that new rays, and those that fall back, go through.
 fn dispatches(tracer: &mut Tracer) -> [u64; 2] {
     tracer.enable_profile().unwrap();
     tracer.trace(|_| true).unwrap();
     let times = tracer.stage_times();
     let of =
         |stage: &str| times.iter().find(|time| time.stage == stage).map_or(0, |time| time.num_dispatches);
-    ["trace_main_path", "trace_new"].map(of)
+    ["trace_hot_path", "trace_new"].map(of)
 }
 
-/// The primitives of each side path that logs places, with the event at which its rays were rejected and whether they escape.
-fn side_paths(tracer: &Tracer) -> Vec<(usize, Vec<usize>, bool)> {
-    let of = |side: &SidePath| {
+/// The primitives of each side trace that logs places, with the event at which its rays failed and whether they escape.
+fn side_traces(tracer: &Tracer) -> Vec<(usize, Vec<usize>, bool)> {
+    let of = |side: &SideTrace| {
         let primitives = side.path.events.iter().map(|event| event.primitive).collect();
-        (side.rejected_at, primitives, side.path.missed.is_some())
+        (side.fails_at, primitives, side.path.missed.is_some())
     };
-    CpuExtension::of_program(tracer.program()).side_paths.iter().map(of).collect()
+    CpuShader::of_program(tracer.program()).side_traces.iter().map(of).collect()
 }
 
 /// What a lens reflects back at its faces has stages of its own: nearly nothing is left to the stage of all others.
 #[test]
-fn rays_rejected_alike_follow_side_paths() {
+fn rays_failed_alike_follow_side_traces() {
     let (air, glass) = (tinted_lens().surfaces[0].front, tinted_lens().surfaces[0].back);
     let mut hazy = tinted_lens();
     hazy.media[air].k.fill(1e-8);
@@ -453,22 +454,22 @@ fn rays_rejected_alike_follow_side_paths() {
     ] {
         for precision in [Precision::F32, Precision::F64] {
             let rays = TraceOptions { num_rays: 20_000, batch_size: Some(5_500), ..options(precision) };
-            let mut tracer = with_main_path(&rays).tracer(zoo::gpu(), &ir).unwrap();
-            assert_eq!(side_paths(&tracer)[..2], there_and_back, "{precision:?}");
-            let legs = CpuExtension::of_program(tracer.program())
-                .side_paths
+            let mut tracer = with_hot_path(&rays).tracer(zoo::gpu(), &ir).unwrap();
+            assert_eq!(side_traces(&tracer)[..2], there_and_back, "{precision:?}");
+            let legs = CpuShader::of_program(tracer.program())
+                .side_traces
                 .iter()
                 .map(|side| side.log.as_ref().unwrap().attenuating_legs);
             assert!(legs.take(2).eq(attenuating_legs), "not {attenuating_legs:?}");
-            let without = with_main_path(&rays).with(|choices| choices.side_paths = When::Never);
-            assert_eq!(side_paths(&without.tracer(zoo::gpu(), &ir).unwrap()), []);
+            let without = with_hot_path(&rays).with(|overrides| overrides.side_traces = Override::Never);
+            assert_eq!(side_traces(&without.tracer(zoo::gpu(), &ir).unwrap()), []);
             let tally = trace(&ir, &rays).0;
             assert!(tracer.trace(|_| true).unwrap() == tally, "{precision:?}: other bits");
-            assert!(trace(&ir, &without).0 == tally, "{precision:?}: other bits without side paths");
-            for [num_followed, num_rejected] in &tracer.num_along_paths()[..3] {
+            assert!(trace(&ir, &without).0 == tally, "{precision:?}: other bits without side traces");
+            for [num_followed, num_failed] in &tracer.num_along_paths()[..3] {
                 assert!(
-                    *num_followed > 500 && 6 * num_rejected < *num_followed,
-                    "{num_rejected} of {num_followed}"
+                    *num_followed > 500 && 6 * num_failed < *num_followed,
+                    "{num_failed} of {num_followed}"
                 );
             }
         }
@@ -519,10 +520,10 @@ fn rays_that_do_not_escape_as_nearly_all_have_the_same_bits() {
     ] {
         for precision in [Precision::F32, Precision::F64] {
             let options = TraceOptions { num_rays: 100_000, ..options(precision) };
-            let with = with_main_path(&options);
+            let with = with_hot_path(&options);
             let mut tracer = with.tracer(zoo::gpu(), &ir).unwrap();
-            let sides = &CpuExtension::of_program(tracer.program()).side_paths;
-            let reflected = sides.iter().find(|side| side.rejected_at == 0 && side.path.events.len() == 1);
+            let sides = &CpuShader::of_program(tracer.program()).side_traces;
+            let reflected = sides.iter().find(|side| side.fails_at == 0 && side.path.events.len() == 1);
             let missed = reflected.and_then(|side| side.path.missed.as_ref()).unwrap();
             let passed = missed.passed.iter().find(|(i, _)| *i == 3).map(|(_, passed)| kind(passed));
             assert_eq!((passed, missed.candidates.contains(&3)), (spared, spared.is_none()), "{missed:?}");
@@ -534,29 +535,28 @@ fn rays_that_do_not_escape_as_nearly_all_have_the_same_bits() {
     }
 }
 
-/// Rays that do something else than their side path at each of its events, in scenes of several lenses.
+/// Rays that do something else than their side trace at each of its events, in scenes of several lenses.
 #[test]
 #[ignore = "long"]
-fn rays_rejected_once_more_have_the_same_bits() {
-    let mut num_rejected = 0;
+fn rays_failed_once_more_have_the_same_bits() {
+    let mut num_failed = 0;
     for name in ["cooke_triplet", "triplet_telescope_ghosts", "stacked_plates_ghosts", "bench_cavity"] {
         let ir = zoo::load(name);
         for precision in [Precision::F32, Precision::F64] {
             let options = TraceOptions { num_rays: 20_000, batch_size: Some(1000), ..options(precision) };
-            let mut tracer = with_main_path(&options).tracer(zoo::gpu(), &ir).unwrap();
+            let mut tracer = with_hot_path(&options).tracer(zoo::gpu(), &ir).unwrap();
             let tally = tracer.trace(|_| true).unwrap();
             assert!(tally == trace(&ir, &options).0, "{name} in {precision:?}: other bits");
-            println!("{name}: {:?} along {:?}", tracer.num_along_paths(), side_paths(&tracer));
-            num_rejected +=
-                tracer.num_along_paths().iter().skip(1).map(|[_, rejected]| rejected).sum::<u64>();
+            println!("{name}: {:?} along {:?}", tracer.num_along_paths(), side_traces(&tracer));
+            num_failed += tracer.num_along_paths().iter().skip(1).map(|[_, failures]| failures).sum::<u64>();
         }
     }
-    assert!(num_rejected > 100, "{num_rejected} rays rejected by side paths");
+    assert!(num_failed > 100, "{num_failed} rays failures by side traces");
 }
 
 /// Positions along the detector's normal that differ in their last bits make no other place.
 #[test]
-fn rays_that_arrive_at_the_same_place_from_either_side_are_not_rejected() {
+fn rays_that_arrive_at_the_same_place_from_either_side_are_not_failed() {
     let mut ir = zoo::load("bench_cavity");
     ir.surfaces[0].frame.origin.z = 60.2;
     ir.surfaces[1].frame.origin.z = 0.0;
@@ -564,30 +564,30 @@ fn rays_that_arrive_at_the_same_place_from_either_side_are_not_rejected() {
     ir.sources[0].frame.origin.z = 3.3;
     let options = options(Precision::F64);
     assert_eq!(arrivals(&ir, &options), Some(vec![8]));
-    let mut tracer = with_main_path(&options).tracer(zoo::gpu(), &ir).unwrap();
-    assert!(matches!(dispatches(&mut tracer), [1, 0]), "rays were rejected");
+    let mut tracer = with_hot_path(&options).tracer(zoo::gpu(), &ir).unwrap();
+    assert!(matches!(dispatches(&mut tracer), [1, 0]), "rays failed");
 }
 
 /// So long a trace that it looks for a path by itself.
 #[test]
-fn a_path_that_rejects_all_rays_is_left() {
+fn a_path_that_fails_all_rays_is_left() {
     let ir = zoo::load("bench_lens");
     let by_itself = TraceOptions { num_rays: 1 << 23, ..options(Precision::F32) };
-    let plain = by_itself.with(|choices| choices.main_path = When::Never);
+    let plain = by_itself.with(|overrides| overrides.hot_path = Override::Never);
     let (right, wrong) =
         ("real(kept_events)), first_arrival, holds)", "0.0), first_arrival, range.count == 0u)");
     let mut tracer = zoo::edited(&ir, &by_itself, right, wrong);
     let tally = tracer.trace(|_| true).unwrap();
     assert!(tally == trace(&ir, &plain).0, "other bits");
-    let [main_path, new] = dispatches(&mut tracer);
-    assert!(8 * main_path < new, "{main_path} dispatches along the path, {new} of rejected rays");
+    let [hot_path, new] = dispatches(&mut tracer);
+    assert!(8 * hot_path < new, "{hot_path} dispatches along the path, {new} of failed rays");
     let mut kept = by_itself.tracer(zoo::gpu(), &ir).unwrap();
     kept.trace(|_| true).unwrap();
     // How many dispatches these are depends on the machine's pace.
-    let [along, rejected] = kept.num_along_paths()[0];
+    let [along, failures] = kept.num_along_paths()[0];
     assert!(
-        2 * along > by_itself.num_rays && 8 * rejected < along,
-        "{along} along the path, {rejected} rejected"
+        2 * along > by_itself.num_rays && 8 * failures < along,
+        "{along} along the path, {failures} failures"
     );
 }
 
@@ -605,7 +605,7 @@ fn errors_in_the_log_of_places_are_seen() {
         ["select(vec2<real>(OFF_DETECTORS, real(kept_events)), first_arrival, holds)", "first_arrival"],
         ["if !holds {\n        restore_bins();\n    }", ""],
     ] {
-        let traced = zoo::edited(&ir, &with_main_path(&options), right, wrong).trace(|_| true);
+        let traced = zoo::edited(&ir, &with_hot_path(&options), right, wrong).trace(|_| true);
         assert!(traced.is_err() || traced.unwrap() != tally, "{wrong} is not seen");
     }
 }
@@ -621,7 +621,7 @@ fn rays_that_do_not_arrive_at_the_place_of_nearly_all_have_the_same_bits() {
     }
     let options = TraceOptions { max_depth: 3, num_rays: 400_000, ..options(Precision::F32) };
     assert_eq!(arrivals(&ir, &options), Some(vec![2]));
-    let with = with_main_path(&options).with(|choices| choices.side_by_side = When::Never);
+    let with = with_hot_path(&options).with(|overrides| overrides.side_by_side = Override::Never);
     let tally = trace(&ir, &options).0;
     assert!(trace(&ir, &with).0 == tally, "other bits");
     assert_needed("holds = all(arrival_on(ray, 0u) == arrival_0.at) & holds;", &ir, &with, &tally);
@@ -629,7 +629,7 @@ fn rays_that_do_not_arrive_at_the_place_of_nearly_all_have_the_same_bits() {
 
 /// A paraboloid focuses all rays on the corner of four pixels, where roundings decide which of them is hit.
 #[test]
-fn rays_focused_on_an_edge_of_pixels_are_not_rejected() {
+fn rays_focused_on_an_edge_of_pixels_are_not_failed() {
     let mut ir = mirror_met_again().ir;
     ir.surfaces[0].shape =
         Shape::Conic(Conic { curvature: -1.0 / 200.0, conic: -1.0, aperture_radius: 20.0 });
@@ -644,9 +644,9 @@ fn rays_focused_on_an_edge_of_pixels_are_not_rejected() {
     for precision in [Precision::F32, Precision::F64] {
         let options = options(precision);
         assert_eq!(arrivals(&ir, &options), Some(vec![1]));
-        let mut tracer = with_main_path(&options).tracer(zoo::gpu(), &ir).unwrap();
+        let mut tracer = with_hot_path(&options).tracer(zoo::gpu(), &ir).unwrap();
         assert!(tracer.trace(|_| true).unwrap() == trace(&ir, &options).0, "other bits");
-        assert!(matches!(dispatches(&mut tracer), [1, 0]), "rays were rejected");
+        assert!(matches!(dispatches(&mut tracer), [1, 0]), "rays failed");
     }
 }
 
@@ -659,7 +659,7 @@ fn rays_at_the_edges_of_pixels_hit_the_same_ones() {
     let options = TraceOptions { num_rays: 200_000, ..options(Precision::F32) };
     let tally = trace(&ir, &options).0;
     assert_eq!(arrivals(&ir, &options), Some(vec![1]));
-    let with = with_main_path(&options).with(|choices| choices.side_by_side = When::Never);
+    let with = with_hot_path(&options).with(|overrides| overrides.side_by_side = Override::Never);
     assert!(trace(&ir, &with).0 == tally, "other bits");
     assert_needed("holds = arrival_0.is_sure & holds;", &ir, &with, &tally);
 }
@@ -675,8 +675,8 @@ fn rays_that_pass_a_detector_in_traces_of_any_depth_have_the_same_bits() {
     ir.detectors.push(window);
     for (i, max_depth) in [4, 255, 256].into_iter().enumerate() {
         let options = TraceOptions { max_depth, ..options([Precision::F32, Precision::F64][i % 2]) };
-        let (tally, main_path) = trace(&ir, &with_main_path(&options));
-        assert_eq!(main_path.is_some(), max_depth < 256, "{max_depth}");
+        let (tally, hot_path) = trace(&ir, &with_hot_path(&options));
+        assert_eq!(hot_path.is_some(), max_depth < 256, "{max_depth}");
         assert!(tally == trace(&ir, &options).0, "other bits to a depth of {max_depth}");
     }
 }
@@ -690,8 +690,8 @@ fn rays_whose_last_event_ends_them_have_the_same_bits() {
         ..speck(DVec3::new(0.0, 0.0, 100.0), Shape::Plane(Outline::Infinite), DQuat::IDENTITY)
     });
     let options = TraceOptions { max_depth: 3, ..options(Precision::F64) };
-    let (tally, main_path) = trace(&ir, &with_main_path(&options));
-    assert!(main_path.unwrap().events.last().unwrap().ends);
+    let (tally, hot_path) = trace(&ir, &with_hot_path(&options));
+    assert!(hot_path.unwrap().events.last().unwrap().ends);
     assert!(tally == trace(&ir, &options).0, "other bits");
 }
 
@@ -699,7 +699,7 @@ fn rays_whose_last_event_ends_them_have_the_same_bits() {
 fn sobol_points_have_the_same_bits() {
     for (name, precision) in SOME.into_iter().zip([Precision::F64, Precision::F32].into_iter().cycle()) {
         let options = TraceOptions { sampler: Sampler::Sobol, ..options(precision) };
-        assert!(has_same_bits(name, &options), "{name} has no main path");
+        assert!(has_same_bits(name, &options), "{name} has no hot path");
     }
 }
 
@@ -707,9 +707,9 @@ fn sobol_points_have_the_same_bits() {
 #[test]
 fn what_can_be_met_on_the_way_is_looked_at_and_nothing_else() {
     let ir = zoo::load("bench_lens");
-    let (_, main_path) = trace(&ir, &with_main_path(&options(Precision::F64)));
+    let (_, hot_path) = trace(&ir, &with_hot_path(&options(Precision::F64)));
     let (front, back, rim, detector) = (0, 1, 2, 3);
-    let events = main_path.unwrap().events;
+    let events = hot_path.unwrap().events;
     let searched: Vec<_> = events.iter().map(|event| (event.primitive, event.candidates.clone())).collect();
     assert_eq!(searched, [(front, vec![front]), (back, vec![back]), (detector, vec![detector])]);
     let passed = |step: usize| -> Vec<usize> { events[step].passed.iter().map(|passed| passed.0).collect() };
@@ -722,8 +722,8 @@ fn what_can_be_met_on_the_way_is_looked_at_and_nothing_else() {
     );
 }
 
-fn kind(clearance: &Clearance) -> &'static str {
-    match (clearance.sign, clearance.exit.is_some()) {
+fn kind(miss_test: &MissTest) -> &'static str {
+    match (miss_test.sign, miss_test.exit.is_some()) {
         (Sign::Leaves, false) => "leaves",
         (Sign::Leaves, true) => "leaves, to the exit",
         (Sign::Beside { .. }, _) => "beside",
@@ -735,7 +735,7 @@ fn kind(clearance: &Clearance) -> &'static str {
     }
 }
 
-/// A scene where so few rays meet something beside the main path that it is no longer searched, and what shows that
+/// A scene where so few rays meet something beside the hot path that it is no longer searched, and what shows that
 /// the others are clear of it.
 struct Rare {
     ir: SceneIr,
@@ -925,9 +925,9 @@ fn crossings_are_assumed_where_the_way_shows_them() {
     ir.media[glass].k.fill(1e-6);
     let crossings = |max_depth: u32| {
         let options = TraceOptions { max_depth, ..options(Precision::F64) };
-        let (tally, main_path) = trace(&ir, &with_main_path(&options));
+        let (tally, hot_path) = trace(&ir, &with_hot_path(&options));
         assert!(tally == trace(&ir, &options).0, "other bits");
-        let events = main_path.unwrap().events;
+        let events = hot_path.unwrap().events;
         events.iter().map(|event| (event.primitive, event.crossing)).collect::<Vec<_>>()
     };
     let through = Some(Crossing { entering_back: true, reflected: false });
@@ -953,9 +953,9 @@ fn rays_that_are_not_clear_of_what_nearly_all_pass_have_the_same_bits() {
     for rare in rare {
         for precision in [Precision::F32, Precision::F64] {
             let options = TraceOptions { num_rays: 40_000, ..options(precision) };
-            let with = with_main_path(&options);
-            let (tally, main_path) = trace(&rare.ir, &with);
-            let event = &main_path.unwrap().events[rare.step];
+            let with = with_hot_path(&options);
+            let (tally, hot_path) = trace(&rare.ir, &with);
+            let event = &hot_path.unwrap().events[rare.step];
             let mut spared: Vec<_> = event.passed.iter().map(|(i, passed)| (*i, kind(passed))).collect();
             spared.extend(event.at_nearer_crossing.then_some((event.primitive, "farther crossing")));
             spared.extend(event.crossing.iter().flat_map(|_| {
@@ -963,7 +963,7 @@ fn rays_that_are_not_clear_of_what_nearly_all_pass_have_the_same_bits() {
             }));
             assert!(spared.contains(&(rare.primitive, rare.spared)), "{}: {event:?}", rare.spared);
             assert!(tally == trace(&rare.ir, &options).0, "{}: other bits", rare.spared);
-            // Rays that do not look at the side are rejected by the search for wrong sides, too, which is left out here.
+            // Rays that do not look at the side fail by the search for wrong sides, too, which is left out here.
             let edit = |wgsl: String| {
                 assert!(wgsl.contains(rare.always[0]), "the shader has no `{}`", rare.always[0]);
                 wgsl.replace(rare.always[0], rare.always[1]).replace(" & !went_wrong & !is_inside", "")
@@ -1011,9 +1011,9 @@ fn rays_that_end_before_a_refracting_surface_do_not_cross_it() {
     ir.surfaces.push(speck(DVec3::new(0.0, 0.0, -10.0), speck_shape(0, 3.0), DQuat::IDENTITY));
     let options = options(Precision::F64);
     let tally = trace(&ir, &options).0;
-    let with = with_main_path(&options);
-    let (traced, main_path) = trace(&ir, &with);
-    let first = &main_path.unwrap().events[0];
+    let with = with_hot_path(&options);
+    let (traced, hot_path) = trace(&ir, &with);
+    let first = &hot_path.unwrap().events[0];
     assert!(first.crossing.is_some() && first.candidates.len() == 2 && traced == tally, "{first:?}");
     let mut any = zoo::edited(&ir, &with, "(hit.primitive == primitive) & takes_side", "takes_side");
     assert!(any.trace(|_| true).unwrap() != tally, "any surface is crossed");
@@ -1036,8 +1036,8 @@ proptest! {
         ir.surfaces.push(speck(DVec3::from_array(place), speck_shape(kind, radius), turn));
         for precision in [Precision::F32, Precision::F64] {
             let options = options(precision);
-            let (tally, main_path) = trace(&ir, &with_main_path(&options));
-            prop_assert!(main_path.is_some());
+            let (tally, hot_path) = trace(&ir, &with_hot_path(&options));
+            prop_assert!(hot_path.is_some());
             prop_assert!(tally == trace(&ir, &options).0, "other bits");
         }
     }
@@ -1061,8 +1061,8 @@ fn faces_within_the_roundings_of_a_long_way_are_met_by_the_same_rays() {
             (grid.width, grid.height) = (FAR, FAR);
         }
         let options = options(Precision::F32);
-        let (tally, main_path) = trace(&ir, &with_main_path(&options));
-        assert!(main_path.is_some());
+        let (tally, hot_path) = trace(&ir, &with_hot_path(&options));
+        assert!(hot_path.is_some());
         assert!(tally == trace(&ir, &options).0, "{gap} mm: other bits");
     }
 }
@@ -1070,15 +1070,15 @@ fn faces_within_the_roundings_of_a_long_way_are_met_by_the_same_rays() {
 #[test]
 fn short_traces_and_those_that_record_rays_have_none() {
     let ir = zoo::load("bench_lens");
-    let main_path = |change: fn(&mut Forced)| {
-        let mut options = options(Precision::F64).with(|choices| choices.main_path = When::Always);
+    let hot_path = |change: fn(&mut Forced)| {
+        let mut options = options(Precision::F64).with(|overrides| overrides.hot_path = Override::Always);
         change(&mut options);
         trace(&ir, &options).1
     };
-    assert!(main_path(|_| ()).is_some());
-    assert!(main_path(|options| options.choices.main_path = When::ItPays).is_none());
-    assert!(main_path(|options| options.choices.host_sums = When::Never).is_none());
-    assert!(main_path(|options| options.strict = nsq_gpu::run::Strict::Off).is_none());
-    assert!(main_path(|options| options.standard_error = StandardError::On).is_none());
-    assert!(main_path(|options| options.paths = nsq_gpu::run::RecordPaths::All).is_none());
+    assert!(hot_path(|_| ()).is_some());
+    assert!(hot_path(|options| options.overrides.hot_path = Override::Automatic).is_none());
+    assert!(hot_path(|options| options.overrides.deferred_splats = Override::Never).is_none());
+    assert!(hot_path(|options| options.strict = nsq_gpu::run::Strict::Off).is_none());
+    assert!(hot_path(|options| options.standard_error = StandardError::On).is_none());
+    assert!(hot_path(|options| options.paths = nsq_gpu::run::RecordPaths::All).is_none());
 }

@@ -1,13 +1,13 @@
-//! The main path: what most rays of a scene do, which shaders/cpu/path/main_path.wgsl follows without a loop.
+//! The hot path: what most rays of a scene do, which shaders/cpu/path/hot_path.wgsl follows without a loop.
 //!
 //! Between two events of the path a ray stays in the box around what it leaves and what it meets next; a primitive whose
 //! box lies apart from that one cannot come between, and is not asked. The boxes are those of the tree (crate::program::geometry::tree),
-//! with the same room for roundings. Of the others, those that nearly all rays of a pilot pass clear are not searched: it
-//! is only seen that a ray is clear of them (crate::cpu::path::clearance).
+//! with the same room for roundings. Of the others, those that nearly all profiled rays miss are not searched: a
+//! miss test proves that each ray misses them (crate::cpu::path::miss_test).
 
-use crate::cpu::log::format::{self, EndLog};
-use crate::cpu::path::clearance::{self, Clearance, Pilot};
-pub use crate::cpu::path::ways::{PilotPath, Way};
+use crate::cpu::log::format::{self, DepositLog};
+use crate::cpu::path::miss_test::{self, MissTest, ProfiledRays};
+pub use crate::cpu::path::sampled_path::{ProfiledPath, SampledPath};
 use crate::model::{Frame, Interaction, SceneIr, Shape, Source, Surface};
 use crate::program::geometry::contact::Contacts;
 use crate::program::geometry::tree;
@@ -24,14 +24,14 @@ const MOST_LOOKED_AT: usize = 256;
 /// Nor one behind which so much is to be missed: a tree is sooner searched.
 const MOST_MISSED: usize = 24;
 
-/// What is assumed pays as long as all of it holds for this share of the rays: the others are traced twice.
-pub const LEAST_CLEAR: f64 = 0.995;
+/// Assumptions pay as long as all of them hold for this share of the rays: the others are traced twice.
+pub const LEAST_ASSUMED: f64 = 0.995;
 
 /// The path and what to look for on its way.
 #[derive(Debug, Clone, PartialEq)]
-pub struct MainPath {
+pub struct HotPath {
     /// In their order.
-    pub events: Vec<MainPathEvent>,
+    pub events: Vec<HotPathEvent>,
     /// Where rays escape behind the last event: what they could still meet there.
     pub missed: Option<Missed>,
 }
@@ -41,13 +41,13 @@ pub struct MainPath {
 pub struct Missed {
     /// What is searched: ascending.
     pub candidates: Vec<usize>,
-    /// What else there is, and what shows that a ray is clear of it.
-    pub passed: Vec<(usize, Clearance)>,
+    /// All other primitives, each with the test that proves a miss.
+    pub passed: Vec<(usize, MissTest)>,
 }
 
 /// One event of the path.
 #[derive(Debug, Clone, PartialEq)]
-pub struct MainPathEvent {
+pub struct HotPathEvent {
     /// The primitive that is met: surfaces first, then detectors.
     pub primitive: usize,
     /// The ray ends on it.
@@ -56,9 +56,9 @@ pub struct MainPathEvent {
     pub candidates: Vec<usize>,
     /// Of the primitive, a conic, the crossing is met that is nearer to the line's closest approach to its origin.
     pub at_nearer_crossing: bool,
-    /// What else could be met before it, and what shows that a ray is clear of it.
-    pub passed: Vec<(usize, Clearance)>,
-    /// What the path does at a refracting surface, where its rays tell.
+    /// Other primitives that could be met before it, each with the test that proves a miss.
+    pub passed: Vec<(usize, MissTest)>,
+    /// What the path does at a refracting surface, where its rays agree.
     pub crossing: Option<Crossing>,
 }
 
@@ -71,17 +71,17 @@ pub struct Crossing {
     pub reflected: bool,
 }
 
-impl MainPath {
-    /// The path of a pilot's rays; none where no stage can follow it ([`is_possible`]), where it is too long, or where it
-    /// neither ends on the last of its primitives, or behind that, nor has as many events as a ray may have.
+impl HotPath {
+    /// The path of the profiled rays. `None` if the path is too long, if no stage supports it ([`is_possible`]), or if it is
+    /// incomplete.
     pub fn of(
         ir: &SceneIr,
         centre: DVec3,
         contacts: &Contacts,
         options: &ProgramOptions,
-        pilot_path: &PilotPath,
+        profiled_path: &ProfiledPath,
     ) -> Option<Self> {
-        let PilotPath { primitives, ways, escapes, .. } = pilot_path;
+        let ProfiledPath { primitives, samples, escapes, .. } = profiled_path;
         let (&last, before) = primitives.split_last()?;
         let fits = primitives.len() <= MAX_EVENTS.min(options.max_depth) as usize;
         let goes_on = |i: usize| goes_on(ir, i, options.max_depth);
@@ -103,68 +103,68 @@ impl MainPath {
         }
         let shapes = crate::model::primitives::primitives(ir);
         let touches = |i: usize| contacts.touches(i);
-        let mut pilot = Pilot::new(ways, LEAST_CLEAR);
+        let mut profiled = ProfiledRays::new(samples, LEAST_ASSUMED);
         let events = legs.iter().enumerate().map(|(step, leg)| {
             let &Leg { leaves, primitive, bounds } = leg;
-            pilot.step = step;
-            let clearance = |i: usize| {
+            profiled.step = step;
+            let miss_test = |i: usize| {
                 let bounds = bounds.filter(|_| i != primitive && !touches(i))?;
                 let size = farthest(&bounds, shapes[i].0.origin - centre);
-                Clearance::of(&shapes[i], leaves == Some(i), true, size, options.precision, &mut pilot)
+                MissTest::of(&shapes[i], leaves == Some(i), true, size, options.precision, &mut profiled)
             };
-            let (candidates, passed) = parted(leg.can_be_met(&boxes), clearance);
+            let (candidates, passed) = parted(leg.can_be_met(&boxes), miss_test);
             let at_nearer_crossing = !touches(primitive)
                 && leaves != Some(primitive)
-                && clearance::end_at_nearer_crossing(&shapes[primitive], &mut pilot);
+                && miss_test::end_at_nearer_crossing(&shapes[primitive], &mut profiled);
             let is_last = step + 1 == primitives.len() && !escapes;
             let crossing = match is_last {
                 true => None,
-                false => crossing(&ir.surfaces, &shapes[primitive], primitive, &mut pilot),
+                false => crossing(&ir.surfaces, &shapes[primitive], primitive, &mut profiled),
             };
             let ends = is_last && !is_full;
-            MainPathEvent { primitive, ends, candidates, at_nearer_crossing, passed, crossing }
+            HotPathEvent { primitive, ends, candidates, at_nearer_crossing, passed, crossing }
         });
         let events = events.collect();
-        pilot.step = legs.len();
+        profiled.step = legs.len();
         let missed = escapes.then(|| {
             let here = boxes.get(last).copied().flatten();
-            let clearance = |i: usize| {
+            let miss_test = |i: usize| {
                 let bounds = here.zip(boxes[i]).filter(|_| !touches(i));
                 let (here, there) = bounds?;
                 let size = farthest(&here.union(&there), shapes[i].0.origin - centre);
-                Clearance::of(&shapes[i], i == last, false, size, options.precision, &mut pilot)
+                MissTest::of(&shapes[i], i == last, false, size, options.precision, &mut profiled)
             };
-            let (candidates, passed) = parted(0..boxes.len(), clearance);
+            let (candidates, passed) = parted(0..boxes.len(), miss_test);
             Missed { candidates, passed }
         });
-        Some(MainPath { events, missed })
+        Some(HotPath { events, missed })
     }
 }
 
-/// Primitives to be searched, and those for which a clearance is found.
+/// Primitives to be searched, and those for which a miss test is found.
 fn parted(
     primitives: impl Iterator<Item = usize>,
-    mut clearance: impl FnMut(usize) -> Option<Clearance>,
-) -> (Vec<usize>, Vec<(usize, Clearance)>) {
+    mut miss_test: impl FnMut(usize) -> Option<MissTest>,
+) -> (Vec<usize>, Vec<(usize, MissTest)>) {
     let (mut candidates, mut passed) = (Vec::new(), Vec::new());
     for i in primitives {
-        match clearance(i) {
-            Some(clearance) => passed.push((i, clearance)),
+        match miss_test(i) {
+            Some(miss_test) => passed.push((i, miss_test)),
             None => candidates.push(i),
         }
     }
     (candidates, passed)
 }
 
-/// How nearly all rays of a pilot cross a refracting surface at the end of the stretch that is looked at.
+/// How nearly all profiled rays cross a refracting surface at the end of the segment that is looked at.
 fn crossing(
     surfaces: &[Surface],
     primitive: &(Frame, Shape),
     i: usize,
-    pilot: &mut Pilot,
+    profiled: &mut ProfiledRays,
 ) -> Option<Crossing> {
     let refracts = surfaces.get(i).is_some_and(|surface| surface.interaction == Interaction::Refractive);
-    let [comes, leaves] = refracts.then(|| clearance::sides(primitive, pilot)).flatten()?;
+    let [comes, leaves] = refracts.then(|| miss_test::sides(primitive, profiled)).flatten()?;
     Some(Crossing { entering_back: comes, reflected: comes != leaves })
 }
 
@@ -205,7 +205,7 @@ fn legs(births: Option<Aabb>, primitives: &[usize], boxes: &[Option<Aabb>]) -> i
     })
 }
 
-/// Whether a stage can follow a path, if there is one, without a trace of the rays that are rejected by it: the log must tell
+/// Whether a stage can follow a path, if there is one, without a trace of the rays that fail its guards: the log must name
 /// them, and nothing that rays meet on their way may go to memory at once.
 pub fn is_possible(ir: &SceneIr, options: &ProgramOptions) -> bool {
     let features = Features::of(ir, &options.weights, options.roulette_threshold, options.max_depth);
@@ -213,7 +213,7 @@ pub fn is_possible(ir: &SceneIr, options: &ProgramOptions) -> bool {
     options.moments == SecondMoments::None
         && features.has_quadrics_alone()
         && !options.has_events(&features)
-        && EndLog::of(ir, &features, &cells, options, features.whole_weights).is_some()
+        && DepositLog::of(ir, &features, &cells, options, features.whole_weights).is_some()
 }
 
 /// Whether the path can go on from a primitive: what a ray leaves on a detector in passing must be logged.

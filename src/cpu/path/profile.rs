@@ -1,8 +1,8 @@
-//! Which path most rays of a scene take, and which ones most of the others, so that they can have stages of their own
-//! (shaders/cpu/path/main_path.wgsl).
+//! Profiling: which path most rays of a scene take, and which ones most of the others, so that they can have stages of their own
+//! (shaders/cpu/path/hot_path.wgsl).
 
-use crate::cpu::When;
-use crate::cpu::path::main_path::{MAX_EVENTS, PilotPath, Way, is_possible};
+use crate::cpu::Override;
+use crate::cpu::path::hot_path::{MAX_EVENTS, ProfiledPath, SampledPath, is_possible};
 use crate::cpu::path::pays::{LEAST_SHARE, is_long_enough};
 use crate::engine::addition::Additions;
 use crate::engine::options::{RecordPaths, StandardError, TraceOptions};
@@ -18,22 +18,22 @@ use crate::result::{PathEvent, PathEventKind, Tally};
 use glam::DVec3;
 
 /// Rays whose paths are looked at.
-const PILOT_RAYS: u64 = 512;
+const PROFILED_RAYS: u64 = 512;
 
-/// Of the pilot's rays, a side path is taken by so many at least: a stage does not pay for fewer.
+/// Of the profiled rays, a side trace is taken by so many at least: a stage does not pay for fewer.
 const LEAST_SIDE_SHARE: f64 = 0.01;
 
-/// What a pilot has found.
+/// What profiling has found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FrequentPaths {
-    /// The path that most rays take.
-    pub main: PilotPath,
+    /// The hot path, which most rays take.
+    pub hot: ProfiledPath,
     /// Those that most of the others take, the most frequent first.
-    pub sides: Vec<PilotPath>,
+    pub sides: Vec<ProfiledPath>,
 }
 
 /// The path that most rays take, or none: where there is no such path, where a trace has too few rays for the search to pay,
-/// and where no stage could follow it. Where the main path is always followed, such a path of any share of the rays will do.
+/// and where no stage could follow it. Where the hot path is always followed, such a path of any share of the rays will do.
 ///
 /// # Errors
 /// [`crate::Error::Device`] if the device fails.
@@ -42,41 +42,41 @@ pub(crate) fn find(
     ir: &SceneIr,
     options: &TraceOptions,
     program_options: &ProgramOptions,
-    main_path: When,
+    hot_path: Override,
 ) -> Result<Option<FrequentPaths>> {
-    let pays = main_path.holds(|| is_long_enough(options.num_rays));
+    let pays = hot_path.holds(|| is_long_enough(options.num_rays));
     // Two forms of one scene must give the same bits.
     let is_alike = options.strict.holds(&gpu.info);
     if !(pays && is_alike && is_possible(ir, program_options)) {
         return Ok(None);
     }
-    let pilot = TraceOptions {
-        num_rays: options.num_rays.min(PILOT_RAYS),
+    let profile = TraceOptions {
+        num_rays: options.num_rays.min(PROFILED_RAYS),
         of_rays: None,
         max_depth: options.max_depth.min(MAX_EVENTS),
         paths: RecordPaths::All,
         standard_error: StandardError::Off,
         ..options.clone()
     };
-    let tally = match fly(gpu, &ir.with_single_cells(), &pilot) {
+    let tally = match trace_profiled(gpu, &ir.with_single_cells(), &profile) {
         // So few rays may be too few for the weakest source.
         Err(Error::Usage(_)) => return Ok(None),
         tally => tally?,
     };
-    let least = if main_path == When::Always { 0.0 } else { LEAST_SHARE };
+    let least = if hot_path == Override::Always { 0.0 } else { LEAST_SHARE };
     let shares = [least, LEAST_SIDE_SHARE];
-    let is_cut = pilot.max_depth < options.max_depth;
+    let is_cut = profile.max_depth < options.max_depth;
     Ok(most_frequent(ir, &tally.paths, is_cut, tally.launched.count, shares))
 }
 
-/// Traces the pilot's rays, in the plain way.
-fn fly(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Result<Tally> {
+/// Traces the profiled rays, in the plain way.
+fn trace_profiled(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Result<Tally> {
     let mut plain = Additions::default();
     let mut engine = prepare(gpu, ir, options, &mut plain, Shaders::default())?;
     wavefront::trace(&mut engine, &mut plain, empty_tally(ir), |_| Ok(true))
 }
 
-/// How a pilot's ray came to its end.
+/// How a profiled ray came to its end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum End {
     /// It was detected or absorbed, or has as many events as a ray may have.
@@ -86,9 +86,9 @@ enum End {
     Lost,
 }
 
-/// The path that most of so many rays take to where they are detected or absorbed, or have as many events as a ray may
-/// have, if at least such a share does; and those that the others take, to such an end or to where they escape, if such a
-/// share takes each. `is_cut`: they could have had more events.
+/// The most frequent complete path of the profiled rays, if `least` of them take it; then every other path that
+/// `least_of_side` take. A path is complete when it ends on a detector or absorber, or at the depth limit; side traces may
+/// also escape. `is_cut`: rays could have had more events.
 fn most_frequent(
     ir: &SceneIr,
     paths: &[PathEvent],
@@ -107,9 +107,9 @@ fn most_frequent(
     let most = alike.remove(most);
     type Ray<'a> = ((End, Vec<usize>), &'a [&'a PathEvent]);
     let share = |rays: &[Ray]| rays.len() as f64 / num_rays as f64;
-    let path = |rays: &[Ray]| PilotPath {
+    let path = |rays: &[Ray]| ProfiledPath {
         primitives: rays[0].0.1.clone(),
-        ways: rays.iter().map(|(_, ray)| way(ray)).collect(),
+        samples: rays.iter().map(|(_, ray)| sample(ray)).collect(),
         escapes: rays[0].0.0 == End::Escaped,
         share: share(rays),
     };
@@ -118,8 +118,8 @@ fn most_frequent(
         *end != End::Lost && !primitives.is_empty() && share(rays) >= least_of_side
     };
     let sides = || alike.iter().filter(is_side).map(|rays| path(rays)).collect();
-    let main = path(most);
-    (main.share >= least).then(|| FrequentPaths { main, sides: sides() })
+    let hot = path(most);
+    (hot.share >= least).then(|| FrequentPaths { hot, sides: sides() })
 }
 
 fn end_of(ray: &[&PathEvent], is_cut: bool) -> End {
@@ -146,13 +146,13 @@ fn met(ir: &SceneIr, ray: &[&PathEvent]) -> Vec<usize> {
     ray.iter().filter_map(primitive).collect()
 }
 
-fn way(ray: &[&PathEvent]) -> Way {
-    // An escape is told where the ray was last; its way goes on from there.
+fn sample(ray: &[&PathEvent]) -> SampledPath {
+    // An escape is recorded where the ray was last; its way goes on from there.
     let position = |event: &&PathEvent| {
         let [at, direction] = [event.ray.position, event.ray.direction].map(DVec3::from_array);
         if event.kind == PathEventKind::Escaped { at + direction } else { at }
     };
-    Way {
+    SampledPath {
         positions: ray.iter().map(position).collect(),
         weights: ray.iter().map(|event| event.ray.weight).collect(),
     }
@@ -196,21 +196,24 @@ mod tests {
             paths.push(event(ray_id, 1, PathEventKind::Surface(second)));
             paths.push(event(ray_id, 0, PathEventKind::Birth(0)));
         }
-        let path = most_frequent(&ir, &paths, true, 10, [0.6, 0.0]).unwrap().main;
+        let path = most_frequent(&ir, &paths, true, 10, [0.6, 0.0]).unwrap().hot;
         assert_eq!(path.primitives, [0, 1, surfaces]);
         let positions = [0.0, 1.0, 2.0, 3.0].map(|z| DVec3::new(0.0, 0.0, z)).to_vec();
-        assert_eq!(path.ways, vec![Way { positions, weights: vec![1.0; 4] }; 6]);
+        assert_eq!(path.samples, vec![SampledPath { positions, weights: vec![1.0; 4] }; 6]);
         assert_eq!(most_frequent(&ir, &paths, true, 10, [0.7, 0.0]), None, "too few of the launched rays");
         for ray_id in 0..3 {
             paths.push(event(ray_id, 3, PathEventKind::Escaped));
         }
-        let path = most_frequent(&ir, &paths, true, 10, [0.0; 2]).unwrap().main;
+        let path = most_frequent(&ir, &paths, true, 10, [0.0; 2]).unwrap().hot;
         assert_eq!(path.primitives, [0, 3, surfaces], "an escape is no end");
         let sides = |least| most_frequent(&ir, &paths, true, 10, [0.0, least]).unwrap().sides;
         let escape = DVec3::new(0.0, 0.0, 5.0);
         let taken: Vec<_> = sides(0.3).into_iter().map(|side| (side.primitives, side.escapes)).collect();
         assert_eq!(taken, [(vec![0, 1, surfaces], false), (vec![0, 1, surfaces], true)]);
-        assert!(sides(0.3)[1].ways.iter().all(|way| way.positions.last() == Some(&escape)), "a way goes on");
+        assert!(
+            sides(0.3)[1].samples.iter().all(|sample| sample.positions.last() == Some(&escape)),
+            "a way goes on"
+        );
         assert!(sides(0.4).is_empty());
     }
 }

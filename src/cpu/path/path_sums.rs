@@ -1,9 +1,9 @@
-//! Adds up what rays logged that keep to the main path (`shaders/cpu/path/path_log.arrivals.wgsl`): places on detectors, whose
+//! Adds up what rays logged that keep to the hot path (`shaders/cpu/path/path_log.arrivals.wgsl`): places on detectors, whose
 //! weights the path tells, or they themselves.
 
-use crate::cpu::log::adder::{EndSums, LoggedRays, RejectedRay};
 use crate::cpu::log::bits::{bits, entries_of, quantize};
-use crate::cpu::log::format::{Form, Grid};
+use crate::cpu::log::deposit_sums::{DepositSums, GuardFailure, LoggedRays};
+use crate::cpu::log::format::{EntryFormat, Grid};
 use crate::cpu::log::positions::{BLOCK, Block, PositionEntry};
 use crate::cpu::log::reals::Real;
 use crate::cpu::path::path_log::{PathLog, Place, Weight};
@@ -18,22 +18,22 @@ struct Deposits<'a, T> {
     fit: bool,
 }
 
-impl EndSums {
-    /// Adds what the rays of a dispatch logged, and shows those that were rejected, by their number. None if an entry makes no
+impl DepositSums {
+    /// Adds what the rays of a dispatch logged, and shows those that failed a guard, by their number. `None` if an entry makes no
     /// sense.
     pub fn add_path(
         &mut self,
         logged: &LoggedRays,
-        form: Form,
+        format: EntryFormat,
         log: &PathLog,
-        rejected: &mut Vec<RejectedRay>,
+        failures: &mut Vec<GuardFailure>,
     ) -> Option<()> {
-        match (form, log.attenuating_legs.is_some()) {
-            (Form::Counts, _) => None,
-            (Form::Packed, false) => self.add_places::<[u32; 2]>(logged, log, rejected),
-            (Form::Packed, true) => self.add_places::<[u32; 4]>(logged, log, rejected),
-            (Form::Reals, false) => self.add_places::<[f64; 2]>(logged, log, rejected),
-            (Form::Reals, true) => self.add_places::<[f64; 4]>(logged, log, rejected),
+        match (format, log.attenuating_legs.is_some()) {
+            (EntryFormat::Counts, _) => None,
+            (EntryFormat::Packed, false) => self.add_places::<[u32; 2]>(logged, log, failures),
+            (EntryFormat::Packed, true) => self.add_places::<[u32; 4]>(logged, log, failures),
+            (EntryFormat::Reals, false) => self.add_places::<[f64; 2]>(logged, log, failures),
+            (EntryFormat::Reals, true) => self.add_places::<[f64; 4]>(logged, log, failures),
         }
     }
 
@@ -41,12 +41,12 @@ impl EndSums {
         &mut self,
         logged: &LoggedRays,
         log: &PathLog,
-        rejected: &mut Vec<RejectedRay>,
+        failures: &mut Vec<GuardFailure>,
     ) -> Option<()> {
         let entries: &[E] = entries_of(logged.bytes)?;
         let kept_rays = match log.places.is_empty() {
-            true => kept_without_places(entries, logged, log, rejected)?,
-            false => self.add_kept(entries, logged, log, rejected)?,
+            true => kept_without_places(entries, logged, log, failures)?,
+            false => self.add_kept(entries, logged, log, failures)?,
         };
         if let Some(end) = log.end {
             match end.weight {
@@ -68,7 +68,7 @@ impl EndSums {
         entries: &[E],
         logged: &LoggedRays,
         log: &PathLog,
-        rejected: &mut Vec<RejectedRay>,
+        failures: &mut Vec<GuardFailure>,
     ) -> Option<KeptRays> {
         let deposits_of: Vec<Deposits<E::Real>> =
             log.places.iter().map(|place| Deposits::of(place, logged.weight)).collect();
@@ -82,7 +82,7 @@ impl EndSums {
                 let row = entries.get(start + rays.start..start + rays.end)?;
                 block.lay_out(row, &deposits.weights, deposits.grid);
                 if number == 0 {
-                    kept &= !rejected_among(row, block.others & kept, rays.start, rejected);
+                    kept &= !failures_among(row, block.others & kept, rays.start, failures);
                 }
                 self.add_row(&block, row, kept, deposits)?;
                 if log.attenuating_legs.is_some() && number + 1 == deposits_of.len() {
@@ -124,13 +124,13 @@ fn kept_without_places<E: PositionEntry>(
     entries: &[E],
     logged: &LoggedRays,
     log: &PathLog,
-    rejected: &mut Vec<RejectedRay>,
+    failures: &mut Vec<GuardFailure>,
 ) -> Option<KeptRays> {
     let born = E::Real::nearest(logged.weight);
     let mut kept_rays = KeptRays::default();
     for (ray, entry) in logged.rays.clone().zip(entries.get(logged.rays.clone())?) {
         if entry.position()[0].is_off_detectors() {
-            rejected.push(rejected_ray_of(entry, ray));
+            failures.push(failure_of(entry, ray));
         } else {
             kept_rays.num += 1;
             if log.attenuating_legs.is_some() {
@@ -161,23 +161,23 @@ fn left_by<E: PositionEntry>(
     block.total(rays & !others) + bits(rays & others).map(quanta).sum::<u128>()
 }
 
-/// Those of some rays of a block, a bit each, that were rejected, by their first places.
-fn rejected_among<E: PositionEntry>(
+/// Of some rays of a block, a bit each, those that failed a guard, by their first places.
+fn failures_among<E: PositionEntry>(
     places: &[E],
     rays: u64,
     first: usize,
-    rejected: &mut Vec<RejectedRay>,
+    failures: &mut Vec<GuardFailure>,
 ) -> u64 {
     let off = bits(rays).filter(|&i| places[i].position()[0].is_off_detectors());
     off.fold(0, |bits, i| {
-        rejected.push(rejected_ray_of(&places[i], first + i));
+        failures.push(failure_of(&places[i], first + i));
         bits | 1 << i
     })
 }
 
-fn rejected_ray_of<E: PositionEntry>(place: &E, ray: usize) -> RejectedRay {
+fn failure_of<E: PositionEntry>(place: &E, ray: usize) -> GuardFailure {
     let event: f64 = place.position()[1].into();
-    RejectedRay { ray: ray as u32, event: event as u32 }
+    GuardFailure { ray: ray as u32, event: event as u32 }
 }
 
 impl<'a, T: Real> Deposits<'a, T> {
@@ -212,7 +212,11 @@ mod tests {
     }
 
     /// What rays of a birth weight of 2 add up to, whose places lie row by row, one beyond the other of 70.
-    fn added(log: &PathLog, rows: &[&[[f64; 2]]], form: Form) -> Option<(EndSums, Vec<RejectedRay>)> {
+    fn added(
+        log: &PathLog,
+        rows: &[&[[f64; 2]]],
+        format: EntryFormat,
+    ) -> Option<(DepositSums, Vec<GuardFailure>)> {
         const STRIDE: usize = 70;
         let mut reals = vec![f64::NAN; 2 * STRIDE * rows.len()];
         for (number, row) in rows.iter().enumerate() {
@@ -220,29 +224,29 @@ mod tests {
             reals[first..first + 2 * row.len()].copy_from_slice(row.as_flattened());
         }
         let floats: Vec<f32> = reals.iter().map(|&real| real as f32).collect();
-        let bytes = if form == Form::Reals { cast_slice(&reals) } else { cast_slice(&floats) };
+        let bytes = if format == EntryFormat::Reals { cast_slice(&reals) } else { cast_slice(&floats) };
         let logged = LoggedRays { bytes, rays: 0..rows[0].len(), stride: STRIDE, weight: 2.0 };
-        let (mut sums, mut rejected) = (EndSums::of_num(9), Vec::new());
-        sums.add_path(&logged, form, log, &mut rejected)?;
-        sums.settle().map(|()| (sums, rejected))
+        let (mut sums, mut failures) = (DepositSums::of_num(9), Vec::new());
+        sums.add_path(&logged, format, log, &mut failures)?;
+        sums.settle().map(|()| (sums, failures))
     }
 
     #[test]
-    fn each_arrival_leaves_its_weight_and_rejected_rays_nothing() {
+    fn each_arrival_leaves_its_weight_and_failed_rays_nothing() {
         let places = vec![place(&[Weight::Known(1.0), Weight::Known(0.5)]), place(&[Weight::Born])];
         let end = Some(LedgerEnd { cell: 1, weight: Weight::Known(0.25) });
         let log = PathLog { places, end, attenuating_legs: None, tells_all: true };
-        let rejects_sixth = |i: usize| if i % 6 == 5 { [OFF, (i % 4) as f64] } else { [0.5, 0.0] };
-        let first: Vec<[f64; 2]> = (0..66).map(rejects_sixth).collect();
+        let fails_sixth = |i: usize| if i % 6 == 5 { [OFF, (i % 4) as f64] } else { [0.5, 0.0] };
+        let first: Vec<[f64; 2]> = (0..66).map(fails_sixth).collect();
         let second = [[2.0, 1.0]; 66];
-        for form in [Form::Packed, Form::Reals] {
-            let (sums, rejected) = added(&log, &[&first, &second], form).unwrap();
-            let ray = |i: u32| RejectedRay { ray: i, event: i % 4 };
-            assert!(rejected.iter().copied().eq((5..66).step_by(6).map(ray)), "{form:?}");
+        for format in [EntryFormat::Packed, EntryFormat::Reals] {
+            let (sums, failures) = added(&log, &[&first, &second], format).unwrap();
+            let ray = |i: u32| GuardFailure { ray: i, event: i % 4 };
+            assert!(failures.iter().copied().eq((5..66).step_by(6).map(ray)), "{format:?}");
             let tap = UNIT * 3 / 4 * 55;
             let expected = [0, UNIT / 4 * 55, 0, tap, tap, 0, 0, 0, 2 * UNIT * 55];
-            assert_eq!(sums.quanta().collect::<Vec<_>>(), expected, "{form:?}");
-            assert_eq!(sums.counts, [0, 55, 0, 110, 0, 0, 0, 0, 55], "{form:?}");
+            assert_eq!(sums.quanta().collect::<Vec<_>>(), expected, "{format:?}");
+            assert_eq!(sums.counts, [0, 55, 0, 110, 0, 0, 0, 0, 55], "{format:?}");
         }
     }
 
@@ -251,7 +255,7 @@ mod tests {
         let weights = [Weight::Known(1500.0), Weight::Known(700.0), Weight::Known(1e6)];
         let log =
             PathLog { places: vec![place(&weights)], end: None, attenuating_legs: None, tells_all: true };
-        let (sums, _) = added(&log, &[&[[1.5, 1.0]]], Form::Reals).unwrap();
+        let (sums, _) = added(&log, &[&[[1.5, 1.0]]], EntryFormat::Reals).unwrap();
         let half = 1_002_200 * UNIT / 2;
         assert_eq!(sums.quanta().collect::<Vec<_>>(), [0, 0, 0, 0, 0, 0, 0, half, half]);
         assert_eq!(sums.counts, [0, 0, 0, 0, 0, 0, 0, 3, 0]);
@@ -266,7 +270,7 @@ mod tests {
             attenuating_legs: None,
             tells_all: true,
         };
-        let (sums, _) = added(&log, &[&[[0.0, 0.0]; 3]], Form::Reals).unwrap();
+        let (sums, _) = added(&log, &[&[[0.0, 0.0]; 3]], EntryFormat::Reals).unwrap();
         assert!(sums.quanta().all(|quanta| quanta == 0));
         assert_eq!(sums.counts, [6, 0, 3, 3, 0, 0, 0, 0, 0]);
     }
@@ -275,39 +279,39 @@ mod tests {
     fn what_rays_weigh_no_more_at_their_end_is_what_media_took() {
         let places = vec![place(&[Weight::Logged]); 2];
         let log = PathLog { places, end: None, attenuating_legs: Some(3), tells_all: true };
-        // Of births of 2, in a block that is full and one that is not; every third ray was rejected.
+        // Of births of 2, in a block that is full and one that is not; every third ray failed.
         let first: Vec<[f64; 4]> =
             (0..66).map(|i| if i % 3 == 0 { [OFF, 1.0, 9.0, 0.0] } else { [0.5, 0.0, 1.75, 0.0] }).collect();
         let second: Vec<[f64; 4]> = (0..66).map(|i| [2.0, 1.0, [0.5, 1.5][i % 2], 0.0]).collect();
         let both = [first, second].concat();
-        for form in [Form::Packed, Form::Reals] {
+        for format in [EntryFormat::Packed, EntryFormat::Reals] {
             let floats: Vec<f32> = both.as_flattened().iter().map(|&real| real as f32).collect();
-            let bytes = if form == Form::Reals { cast_slice(&both) } else { cast_slice(&floats) };
+            let bytes = if format == EntryFormat::Reals { cast_slice(&both) } else { cast_slice(&floats) };
             let added = |weight: f64| {
                 let logged = LoggedRays { bytes, rays: 0..66, stride: 66, weight };
-                let (mut sums, mut rejected) = (EndSums::of_num(9), Vec::new());
-                sums.add_path(&logged, form, &log, &mut rejected)?;
-                sums.settle().map(|()| (sums, rejected))
+                let (mut sums, mut failures) = (DepositSums::of_num(9), Vec::new());
+                sums.add_path(&logged, format, &log, &mut failures)?;
+                sums.settle().map(|()| (sums, failures))
             };
-            let (sums, rejected) = added(2.0).unwrap();
-            assert_eq!(rejected.len(), 22, "{form:?}");
-            assert_eq!(sums.counts, [0, 0, 0, 44 * 3 + 44, 0, 0, 0, 0, 44], "{form:?}");
+            let (sums, failures) = added(2.0).unwrap();
+            assert_eq!(failures.len(), 22, "{format:?}");
+            assert_eq!(sums.counts, [0, 0, 0, 44 * 3 + 44, 0, 0, 0, 0, 44], "{format:?}");
             let quanta: Vec<u128> = sums.quanta().collect();
             let tap = UNIT * 7 / 8 * 44;
-            assert_eq!(quanta[3..5], [tap + 44 * UNIT, tap], "{form:?}");
-            assert_eq!(quanta[8], 44 * UNIT, "{form:?}");
+            assert_eq!(quanta[3..5], [tap + 44 * UNIT, tap], "{format:?}");
+            assert_eq!(quanta[8], 44 * UNIT, "{format:?}");
             // Births so heavy that no ray is laid out.
             let heavy: Vec<u128> = added(1e6).unwrap().0.quanta().collect();
-            assert_eq!(heavy[3], tap + 44 * (1_000_000 - 1) * UNIT, "{form:?}");
-            assert_eq!((heavy[4], heavy[8]), (tap, 44 * UNIT), "{form:?}");
-            assert!(added(0.125).is_none(), "{form:?}: more than they were born with");
+            assert_eq!(heavy[3], tap + 44 * (1_000_000 - 1) * UNIT, "{format:?}");
+            assert_eq!((heavy[4], heavy[8]), (tap, 44 * UNIT), "{format:?}");
+            assert!(added(0.125).is_none(), "{format:?}: more than they were born with");
         }
     }
 
     /// A path that arrives on no detector, of rays that escape, with known weights or their own.
     #[test]
     fn rays_without_places_leave_their_weight_at_their_end() {
-        for form in [Form::Packed, Form::Reals] {
+        for format in [EntryFormat::Packed, EntryFormat::Reals] {
             for logs_weights in [false, true] {
                 let weight = if logs_weights { Weight::Logged } else { Weight::Known(0.5) };
                 let end = Some(LedgerEnd { cell: 1, weight });
@@ -317,21 +321,22 @@ mod tests {
                 let row = |i: usize| [[0.0, OFF][usize::from(i % 5 == 2)], 3.0, 0.5 + (i % 2) as f64, 0.0];
                 let reals: Vec<f64> = (0..70).flat_map(|i| row(i).into_iter().take(width)).collect();
                 let floats: Vec<f32> = reals.iter().map(|&real| real as f32).collect();
-                let bytes = if form == Form::Reals { cast_slice(&reals) } else { cast_slice(&floats) };
+                let bytes =
+                    if format == EntryFormat::Reals { cast_slice(&reals) } else { cast_slice(&floats) };
                 let logged = LoggedRays { bytes, rays: 1..70, stride: 70, weight: 2.0 };
-                let (mut sums, mut rejected) = (EndSums::of_num(9), Vec::new());
-                sums.add_path(&logged, form, &log, &mut rejected).unwrap();
-                let ray = |ray: u32| RejectedRay { ray, event: 3 };
-                assert!(rejected.iter().copied().eq((2..70).step_by(5).map(ray)), "{form:?}");
-                // Of the rays 1 to 69, 14 are rejected; 28 of the others have an odd number, and 27 an even one.
+                let (mut sums, mut failures) = (DepositSums::of_num(9), Vec::new());
+                sums.add_path(&logged, format, &log, &mut failures).unwrap();
+                let ray = |ray: u32| GuardFailure { ray, event: 3 };
+                assert!(failures.iter().copied().eq((2..70).step_by(5).map(ray)), "{format:?}");
+                // Of the rays 1 to 69, 14 fail; 28 of the others have an odd number, and 27 an even one.
                 let (left, lost) = if logs_weights { (28 * 3 + 27, 28 + 27 * 3) } else { (55, 0) };
                 let quanta: Vec<u128> = sums.quanta().collect();
-                assert_eq!(quanta[1], UNIT / 2 * left, "{form:?}");
-                assert_eq!(quanta[3], UNIT / 2 * lost, "{form:?}");
+                assert_eq!(quanta[1], UNIT / 2 * left, "{format:?}");
+                assert_eq!(quanta[3], UNIT / 2 * lost, "{format:?}");
                 let legs = u64::from(logs_weights) * 2 * 55;
-                assert_eq!(sums.counts, [0, 55, 0, legs, 0, 0, 0, 0, 0], "{form:?}");
+                assert_eq!(sums.counts, [0, 55, 0, legs, 0, 0, 0, 0, 0], "{format:?}");
                 let beyond = LoggedRays { rays: 0..71, ..logged };
-                assert!(sums.add_path(&beyond, form, &log, &mut rejected).is_none(), "the log ends before");
+                assert!(sums.add_path(&beyond, format, &log, &mut failures).is_none(), "the log ends before");
             }
         }
     }
@@ -344,14 +349,17 @@ mod tests {
             attenuating_legs: None,
             tells_all: true,
         };
-        assert!(added(&log, &[&[[0.0, f64::NAN]]], Form::Reals).is_none());
-        assert!(added(&log, &[&[[0.0, 0.0]]], Form::Counts).is_none());
+        assert!(added(&log, &[&[[0.0, f64::NAN]]], EntryFormat::Reals).is_none());
+        assert!(added(&log, &[&[[0.0, 0.0]]], EntryFormat::Counts).is_none());
         let beyond = PathLog {
             places: vec![place(&[Weight::Born]); 2],
             end: None,
             attenuating_legs: None,
             tells_all: true,
         };
-        assert!(added(&beyond, &[&[[0.0, 0.0]]], Form::Reals).is_none(), "the log ends before the path");
+        assert!(
+            added(&beyond, &[&[[0.0, 0.0]]], EntryFormat::Reals).is_none(),
+            "the log ends before the path"
+        );
     }
 }
