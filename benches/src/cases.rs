@@ -2,6 +2,7 @@
 
 use nsq_gpu::program::Precision;
 use nsq_gpu::run::TraceOptions;
+use nsq_gpu::{Error, Result};
 use serde_json::{Value, json};
 
 /// One scene, and the number of rays to trace.
@@ -334,6 +335,18 @@ impl Draws {
     fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.unit()
     }
+}
+
+/// The cases that are traces: whole commands have other costs. `option` names what is measured.
+///
+/// # Errors
+/// [`Error::Usage`] if none is.
+pub fn of_traces(all: Vec<Case>, option: &str) -> Result<Vec<Case>> {
+    let cases: Vec<Case> = all.into_iter().filter(|case| matches!(case.kind, Kind::Trace)).collect();
+    if cases.is_empty() {
+        return Err(Error::Usage(format!("whole commands are not measured with {option}; name other cases")));
+    }
+    Ok(cases)
 }
 
 #[cfg(test)]

@@ -4,7 +4,8 @@ use crate::peers::{DrJit, Mitsuba, Optiland};
 use crate::report::ViewerResult;
 use crate::runner::measure;
 use crate::{
-    BenchReport, Case, CaseResult, Peer, Session, cases, gradients, growth, machine, paths, stability, tuning,
+    BenchReport, Case, CaseResult, Peer, Session, cases, gradients, growth, machine, parts, paths, stability,
+    tuning,
 };
 use clap::ValueEnum;
 use nsq_gpu::gpu::{AdapterChoice, Gpu};
@@ -39,8 +40,11 @@ pub struct Args {
     /// Instead of speed: what maps of derivatives cost, against the plain loop.
     #[arg(long, conflicts_with_all = ["stability", "tune", "paths", "against", "note", "output", "json"])]
     gradients: bool,
+    /// Instead of speed: what each part of the CPU backend is worth, as the time without it over the time with it.
+    #[arg(long, conflicts_with_all = ["stability", "tune", "paths", "gradients", "against", "note", "output", "json"])]
+    parts: bool,
     /// Instead of speed: how the cost of a trace grows with surfaces, depth and rays; -o writes growth.txt.
-    #[arg(long, conflicts_with_all = ["stability", "tune", "paths", "gradients", "scenes", "against", "note", "json"])]
+    #[arg(long, conflicts_with_all = ["stability", "tune", "paths", "gradients", "parts", "scenes", "against", "note", "json"])]
     growth: bool,
     /// At most 1e5 rays a case, and 3 runs.
     #[arg(long)]
@@ -152,6 +156,9 @@ pub fn run(args: Args) -> Result<String> {
     let cases = chosen_cases(args)?;
     if args.paths {
         return run_paths(args, cases);
+    }
+    if args.parts {
+        return run_parts(args, cases);
     }
     if args.gradients {
         return run_gradients(args, cases);
@@ -319,10 +326,19 @@ fn run_stability(args: &Args) -> Result<String> {
 
 /// Measures what the table of paths costs.
 fn run_paths(args: &Args, cases: Vec<Case>) -> Result<String> {
-    let cases = paths::cases(cases)?;
+    let cases = cases::of_traces(cases, "--paths")?;
     choose_width(widest(&widths(&cases)?));
     cost_table(args, &cases, paths::PathCost::heading(), |gpu, case, precision, num_runs| {
         paths::measure(gpu, case, precision, num_runs).map(|cost| cost.line())
+    })
+}
+
+/// Measures what parts of the CPU backend are worth.
+fn run_parts(args: &Args, cases: Vec<Case>) -> Result<String> {
+    let cases = cases::of_traces(cases, "--parts")?;
+    choose_width(widest(&widths(&cases)?));
+    cost_table(args, &cases, parts::PartGains::heading(), |gpu, case, precision, num_runs| {
+        parts::measure(gpu, case, precision, num_runs).map(|gains| gains.line())
     })
 }
 

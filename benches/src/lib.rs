@@ -21,6 +21,7 @@ pub mod command;
 pub mod gradients;
 pub mod growth;
 pub mod machine;
+pub mod parts;
 pub mod paths;
 pub mod peers;
 pub mod report;

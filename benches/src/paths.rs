@@ -2,13 +2,13 @@
 //! without it.
 
 use crate::Summary;
-use crate::cases::{Case, Kind};
+use crate::cases::Case;
+use nsq_gpu::Result;
 use nsq_gpu::gpu::Gpu;
 use nsq_gpu::internals::{CpuOverrides, Override};
 use nsq_gpu::program::Precision;
 use nsq_gpu::run::{Collect, ForAdapter, Shaders, StandardError, TraceOptions, Tracer};
 use nsq_gpu::scene::Scene;
-use nsq_gpu::{Error, Result};
 use std::fmt::Write;
 use std::time::Instant;
 
@@ -32,7 +32,7 @@ pub struct PathCost {
 /// Measures a case. The three take turns, so that other work on the machine affects all alike.
 ///
 /// # Errors
-/// [`Error::Device`] if the device fails.
+/// [`nsq_gpu::Error::Device`] if the device fails.
 pub fn measure(gpu: &Gpu, case: &Case, precision: Precision, num_runs: usize) -> Result<PathCost> {
     let ir = Scene::from_json(&case.scene)?.lower()?;
     let options =
@@ -60,15 +60,6 @@ pub fn measure(gpu: &Gpu, case: &Case, precision: Precision, num_runs: usize) ->
     }
     let [plain_sec, default_sec, paths_sec] = times.map(|times| Summary::median_of(&times));
     Ok(PathCost { case: case.name.clone(), precision, plain_sec, default_sec, paths_sec, num_rows })
-}
-
-/// The cases that can be measured: whole commands have other costs.
-pub fn cases(all: Vec<Case>) -> Result<Vec<Case>> {
-    let cases: Vec<Case> = all.into_iter().filter(|case| matches!(case.kind, Kind::Trace)).collect();
-    if cases.is_empty() {
-        return Err(Error::Usage("whole commands are not measured with --paths; name other cases".into()));
-    }
-    Ok(cases)
 }
 
 impl PathCost {

@@ -5,7 +5,7 @@ use crate::machine;
 use crate::peers::{Peer, PeerRun};
 use crate::statistics::Summary;
 use nsq_gpu::gpu::Gpu;
-use nsq_gpu::internals::{CpuOverrides, Override, Profile, REPORT, vector_width};
+use nsq_gpu::internals::{AdapterTraits, CpuOverrides, Override, REPORT, vector_width};
 use nsq_gpu::model::SceneIr;
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{FluxUnit, Ledger, PathEventKind};
