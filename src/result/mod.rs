@@ -25,6 +25,7 @@ pub mod npz_files;
 pub mod output;
 mod path_tally;
 pub mod paths;
+pub mod picture;
 pub mod png;
 pub mod ray_paths;
 mod ray_set;

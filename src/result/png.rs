@@ -2,11 +2,8 @@
 
 mod canvas;
 pub(crate) mod figures;
-mod raster;
 mod style;
 
-#[cfg(feature = "viewer")]
-pub(crate) use crate::result::png::canvas::ticks;
 use std::path::Path;
 
 pub use crate::result::png::style::{Style, Unit};

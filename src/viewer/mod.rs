@@ -5,8 +5,8 @@
 //! following light by its path, in the background: a table, maps of its rows, and their rays
 //! light     the table of the detector that is shown, and what is ticked and shown of it
 //! model     results, comparison, choices -> Picture (field, scale | spots); needs no window
-//! field, scale, region, profile, compare, photometry, spots    what is shown, as pure functions
-//! plot, raster, pyramid    axes with a view; pixels; large maps at coarser resolutions
+//! field, region, profile, compare, photometry, spots    what is shown, as pure functions
+//! plot, raster    axes with a view; pixels of the screen (scales and colours: result/picture)
 //! app, views      panels around the plot
 //! screenshot      the same frame without a display
 //! ```
@@ -21,10 +21,8 @@ pub mod model;
 pub mod photometry;
 pub mod plot;
 pub mod profile;
-pub mod pyramid;
 pub mod raster;
 pub mod region;
-pub mod scale;
 pub mod screenshot;
 pub mod settings;
 pub mod spots;

@@ -2,15 +2,15 @@
 
 use crate::error::{Error, Result};
 use crate::result::output::REPORT;
+use crate::result::picture::pyramid::Pyramid;
+use crate::result::picture::scale::{Scale, ScaleKind};
 use crate::result::{Detector, DetectorData, PathColumns, SpectralMap, TraceResult};
 use crate::viewer::compare::{Comparison, Scores, difference};
 use crate::viewer::field::{Field, Geometry};
 use crate::viewer::light::{Context, Light, Rays};
 use crate::viewer::photometry;
 use crate::viewer::profile::Line;
-use crate::viewer::pyramid::Pyramid;
 use crate::viewer::region::{EncircledEnergy, Region, Statistics};
-use crate::viewer::scale::{Scale, ScaleKind};
 use crate::viewer::settings::Settings;
 use crate::viewer::spots::{Figures, Spots};
 use crate::viewer::tracing::{

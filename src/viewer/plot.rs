@@ -1,6 +1,7 @@
 //! Axes with a view that the user drags, zooms and moves by keys. Every plot of the window uses them.
 
-use crate::result::png::ticks;
+use crate::format::significant;
+use crate::result::picture::ticks::{Tick, decades, ticks, ticks_that_fit};
 use eframe::egui::{
     self, Align2, Color32, EventFilter, FontId, Key, Pos2, Rect, Response, Role, Sense, Stroke, Ui, Vec2,
     WidgetInfo, pos2, vec2,
@@ -53,9 +54,6 @@ pub struct Shown {
     /// The plot's place and view.
     pub frame: Frame,
 }
-
-/// A value and its label.
-pub type Tick = (f64, String);
 
 const LABEL_SIZE: f32 = 12.0;
 
@@ -141,7 +139,7 @@ impl Plot<'_> {
         let font = FontId::proportional(LABEL_SIZE);
         let y_ticks = |view: &View, height: f32| {
             let count = (height / 34.0).clamp(2.0, 9.0) as usize;
-            if self.log_y { decades(view.y, count) } else { ticks(view.y, count) }
+            if self.log_y { powers(view.y, count) } else { ticks(view.y, count) }
         };
         // Labels determine the width of the margin, but the margin does not change the choice of labels.
         let height = rect.height() - 44.0;
@@ -347,22 +345,16 @@ impl Colors {
 /// Ticks of the horizontal axis, whose labels stand side by side.
 fn horizontal_ticks(ui: &Ui, frame: &Frame, font: &FontId) -> Vec<Tick> {
     let width = |label: &str| text_width(ui, label, font);
-    let fits = |ticks: &Vec<Tick>| {
+    let fits = |ticks: &[Tick]| {
         let widest = ticks.iter().map(|(_, label)| width(label)).fold(0.0, f32::max);
         (widest + 18.0) * ticks.len() as f32 <= frame.rect.width()
     };
-    (2..=11).rev().map(|count| ticks(frame.view.x, count)).find(fits).unwrap_or_default()
+    ticks_that_fit(frame.view.x, 11, fits).unwrap_or_default()
 }
 
-/// Ticks at powers of ten, between decimal logarithms.
-pub fn decades((low, high): (f64, f64), count: usize) -> Vec<Tick> {
-    let (first, last) = ((low - 1e-9).ceil() as i32, (high + 1e-9).floor() as i32);
-    let step = ((last - first).max(0) as usize / count.max(1) + 1).max(1);
-    let label = |power: i32| match power {
-        -2..=3 => crate::format::significant(10f64.powi(power), 1),
-        _ => format!("1e{power}"),
-    };
-    (first..=last).step_by(step).map(|power| (f64::from(power), label(power))).collect()
+/// Ticks between decimal logarithms.
+fn powers(range: (f64, f64), count: usize) -> Vec<Tick> {
+    decades(range, count).map(|value| (value.log10(), significant(value, 2))).collect()
 }
 
 /// Width of a label \[points\].

@@ -1,62 +1,47 @@
 //! Pictures of values and rays at the resolution of the screen: their cost depends on the window, not on the detector.
 
+use crate::result::picture::polar::{Disc, Window};
+use crate::result::picture::pyramid::Pyramid;
+use crate::result::picture::raster::{Means, disc, runs};
+use crate::result::picture::scale::{Palette, Scale};
 use crate::viewer::field::{Field, Geometry};
 use crate::viewer::plot::View;
-use crate::viewer::pyramid::{Level, Pyramid};
-use crate::viewer::scale::{Scale, Shade};
 use crate::viewer::spots::Spots;
 use eframe::egui::{Color32, ColorImage};
-use std::ops::Range;
 
-/// Draws a map as pixels, top row first. A pixel that covers several cells shows their mean, so that the flux per area
-/// stays true. The pixel is drawn as zero only if all its cells are zero.
-///
-/// A large map is drawn from blocks of cells, which are no larger than a pixel. A block counts for the one pixel in
-/// which it begins, so that no cell is left out.
+/// Draws a map as pixels, top row first. A large map is drawn from blocks of cells, which are no larger than a pixel.
 pub fn map(
     field: &Field,
     pyramid: &Pyramid,
-    scale: &Scale,
-    colors: &Colors,
+    (scale, palette): (&Scale, &Palette),
     view: &View,
     size: [usize; 2],
 ) -> ColorImage {
-    let color = |value: f64| match scale.shade(value) {
-        Shade::Missing => colors.missing,
-        Shade::Zero => colors.zero,
-        Shade::Part(part) => colors.table[(part * 255.0).round() as usize],
-    };
-    let pixels = match field.geometry {
+    let color = palette.lookup();
+    let color = |value: f64| color(scale.shade(value));
+    let raster = match field.geometry {
         Geometry::Rectangles => {
             let (along_x, along_y) = cells_per_pixel(field, view, size);
             let level = pyramid.level(&field.values, along_x.min(along_y) / BLOCKS);
             let (rows, columns) = level.sums.dim();
-            let spanned = |(low, high): (f64, f64), cells: usize, blocks: usize| {
-                (low, low + (high - low) * (blocks * level.side) as f64 / cells as f64)
+            let blocks = |(low, high): (f64, f64), ends: (f64, f64), cells: usize| {
+                let at = |end: f64| (end - low) / (high - low) * cells as f64 / level.side as f64;
+                (at(ends.0), at(ends.1))
             };
             let cells = field.dim();
-            let x = covered(view.x, spanned(field.x_range, cells.1, columns), columns, size[0]);
-            let y = covered(view.y, spanned(field.y_range, cells.0, rows), rows, size[1]);
-            let mut pixels = Vec::with_capacity(size[0] * size[1]);
-            let mut sums = vec![0.0; columns];
-            for y in y.iter().rev() {
-                column_sums(&level, y, &mut sums);
-                pixels.extend(x.iter().map(|x| color(mean(&level, y, x, &sums))));
-            }
-            pixels
+            let y = runs(blocks(field.y_range, view.y, cells.0), rows, size[1]);
+            let x = runs(blocks(field.x_range, view.x, cells.1), columns, size[0]);
+            Means::new(&level, &y, &x).paint(color)
         }
         Geometry::Polar => {
-            let along = |index: usize, (low, high): (f64, f64), count: usize| {
-                low + (high - low) * (index as f64 + 0.5) / count as f64
-            };
-            let value = |x: usize, y: usize| {
-                let at = (along(x, view.x, size[0]), along(size[1] - 1 - y, view.y, size[1]));
-                field.cell_at(at.0, at.1).map_or(f64::NAN, |cell| field.values[cell])
-            };
-            (0..size[1]).flat_map(|y| (0..size[0]).map(move |x| color(value(x, y)))).collect()
+            let limit = field.x_range.1;
+            let radii = |(low, high): (f64, f64)| (low / limit, high / limit);
+            let colors = field.values.mapv(color);
+            let disc = Disc { colors: &colors, limit, outside: palette.missing };
+            disc.draw(Window { x: radii(view.x), y: radii(view.y) }, size)
         }
     };
-    ColorImage::new(size, pixels)
+    ColorImage::from_rgb(size, &raster.rgb)
 }
 
 /// The least number of blocks in a pixel, along each axis. With fewer, the numbers of cells in neighbouring pixels
@@ -70,61 +55,6 @@ pub fn cells_per_pixel(field: &Field, view: &View, size: [usize; 2]) -> (f64, f6
         (high - low) / pixels as f64 * cells as f64 / (range.1 - range.0)
     };
     (along(view.x, size[0], field.x_range, columns), along(view.y, size[1], field.y_range, rows))
-}
-
-/// The colours of a map.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Colors {
-    /// 256 colours, from the low end of the scale to the high end.
-    pub table: Vec<Color32>,
-    /// The colour of exactly zero.
-    pub zero: Color32,
-    /// The colour of a missing value.
-    pub missing: Color32,
-}
-
-/// The blocks that each pixel of an axis shows: those that begin in the pixel. A pixel smaller than a block shows the
-/// block at the pixel's middle. A pixel outside the map shows none.
-fn covered(
-    (view_low, view_high): (f64, f64),
-    (low, high): (f64, f64),
-    blocks: usize,
-    pixels: usize,
-) -> Vec<Range<usize>> {
-    let at = |pixel: f64| {
-        let place = view_low + (view_high - view_low) * pixel / pixels as f64;
-        (place - low) / (high - low) * blocks as f64
-    };
-    let block = |at: f64| at.clamp(0.0, blocks as f64);
-    let range = |pixel: usize| {
-        let (start, middle, end) = (at(pixel as f64), at(pixel as f64 + 0.5), at(pixel as f64 + 1.0));
-        if end - start >= 1.0 {
-            return block(start).ceil() as usize..block(end).ceil() as usize;
-        }
-        if middle < 0.0 || middle >= blocks as f64 { 0..0 } else { middle as usize..middle as usize + 1 }
-    };
-    (0..pixels).map(range).collect()
-}
-
-/// Sums the columns over some rows. In this order, a large map is read as fast as memory allows.
-fn column_sums(level: &Level, rows: &Range<usize>, sums: &mut [f64]) {
-    sums.fill(0.0);
-    for row in level.sums.slice(ndarray::s![rows.clone(), ..]).outer_iter() {
-        sums.iter_mut().zip(row).for_each(|(sum, value)| *sum += value);
-    }
-}
-
-/// The mean of the cells of a pixel that have a value.
-fn mean(level: &Level, rows: &Range<usize>, columns: &Range<usize>, sums: &[f64]) -> f64 {
-    let sum: f64 = sums[columns.clone()].iter().sum();
-    if !sum.is_nan() {
-        let count = level.count(rows, columns);
-        return if count == 0 { f64::NAN } else { sum / count as f64 };
-    }
-    let cells = level.sums.slice(ndarray::s![rows.clone(), columns.clone()]);
-    let known = cells.iter().filter(|value| !value.is_nan());
-    let (sum, count) = known.fold((0.0, 0u32), |(sum, count), value| (sum + value, count + 1));
-    if count == 0 { f64::NAN } else { sum / f64::from(count) }
 }
 
 /// Draws rays as dots of `radius` pixels, in the colours of their wavelengths. Where many overlap, their colours mix,
@@ -160,20 +90,12 @@ struct Canvas {
 }
 
 impl Canvas {
-    fn dot(&mut self, (x, y): (f64, f64), radius: f64, color: Color32) {
-        let [width, height] = self.size;
-        let reach = |at: f64, limit: usize| {
-            let low = (at - radius - 1.0).floor().clamp(0.0, limit as f64) as usize;
-            low..(at + radius + 1.0).ceil().clamp(0.0, limit as f64) as usize
-        };
-        for row in reach(y, height) {
-            for column in reach(x, width) {
-                let distance = (column as f64 + 0.5 - x).hypot(row as f64 + 0.5 - y);
-                let cover = (radius + 0.5 - distance).clamp(0.0, 1.0) as f32;
-                let ink = [color.r(), color.g(), color.b()].map(|part| cover * f32::from(part));
-                let sum = &mut self.sums[row * width + column];
-                sum.iter_mut().zip(ink.into_iter().chain([cover])).for_each(|(sum, part)| *sum += part);
-            }
+    fn dot(&mut self, at: (f64, f64), radius: f64, color: Color32) {
+        for (pixel, cover) in disc(self.size, at, radius) {
+            let cover = cover as f32;
+            let ink = [color.r(), color.g(), color.b()].map(|part| cover * f32::from(part));
+            let sums = self.sums[pixel].iter_mut().zip(ink.into_iter().chain([cover]));
+            sums.for_each(|(sum, part)| *sum += part);
         }
     }
 
@@ -196,7 +118,7 @@ impl Canvas {
 mod tests {
     use super::*;
     use crate::result::IrradianceMap;
-    use crate::viewer::scale::ScaleKind;
+    use crate::result::picture::scale::{ColorMap, ScaleKind};
     use ndarray::{Array1, Array2};
 
     fn field(values: Array2<f64>) -> Field {
@@ -212,22 +134,30 @@ mod tests {
         })
     }
 
-    fn colors() -> Colors {
-        let table = (0..=255).map(Color32::from_gray).collect();
-        Colors { table, zero: Color32::RED, missing: Color32::BLUE }
+    const MISSING: Color32 = Color32::BLUE;
+
+    fn palette(field: &Field) -> (Scale, Palette) {
+        let scale = Scale::fit(ScaleKind::Linear, 99.0, [&field.values]);
+        (scale, Palette::of_window(ColorMap::Grey, false, [MISSING.r(), MISSING.g(), MISSING.b()]))
     }
 
     fn picture(field: &Field, view: View, size: [usize; 2]) -> Vec<Color32> {
-        let scale = Scale::fit(ScaleKind::Linear, 99.0, [&field.values]);
-        map(field, &Pyramid::of(&field.values), &scale, &colors(), &view, size).pixels
+        let (scale, palette) = palette(field);
+        map(field, &Pyramid::of(&field.values), (&scale, &palette), &view, size).pixels
+    }
+
+    /// The colour of a part of the largest value of a field.
+    fn grey(part: f64) -> Color32 {
+        let (_, palette) = palette(&field(ndarray::array![[1.0]]));
+        let [r, g, b] = if part == 0.0 { palette.zero } else { palette.at(part) };
+        Color32::from_rgb(r, g, b)
     }
 
     #[test]
     fn the_first_row_stands_at_the_bottom() {
         let field = field(ndarray::array![[1.0, 2.0], [4.0, 0.0]]);
         let pixels = picture(&field, View::new((-1.0, 1.0), (-1.0, 1.0)), [2, 2]);
-        let grey = |part: f64| Color32::from_gray((part * 255.0).round() as u8);
-        assert_eq!(pixels, [grey(1.0), Color32::RED, grey(0.25), grey(0.5)]);
+        assert_eq!(pixels, [grey(1.0), grey(0.0), grey(0.25), grey(0.5)]);
     }
 
     #[test]
@@ -238,9 +168,8 @@ mod tests {
         let field = field(values);
         let pixels = picture(&field, View::new((-256.0, 256.0), (-256.0, 256.0)), [256, 256]);
         // Means of four cells against a scale that ends at the largest cell.
-        assert_eq!(pixels[255], Color32::from_gray(64));
-        assert_eq!(pixels[255 * 256], Color32::from_gray(32));
-        assert_eq!(pixels.iter().filter(|pixel| **pixel == Color32::RED).count(), 256 * 256 - 2);
+        assert_eq!((pixels[255], pixels[255 * 256]), (grey(0.25), grey(0.125)));
+        assert_eq!(pixels.iter().filter(|pixel| **pixel == grey(0.0)).count(), 256 * 256 - 2);
     }
 
     /// Some pixel shows a single bright cell, wherever the cell lies, and however large the map is on the screen.
@@ -253,7 +182,7 @@ mod tests {
                 let half = cells as f64 / 2.0;
                 let view = View::new((-half, half), (-half, half));
                 let shown = picture(&field(values), view, [pixels, pixels]);
-                let lit = shown.iter().filter(|pixel| **pixel != Color32::RED).count();
+                let lit = shown.iter().filter(|pixel| **pixel != grey(0.0)).count();
                 assert_eq!(lit, 1, "cell {bright} of {cells} on {pixels} pixels");
             }
         }
@@ -262,6 +191,6 @@ mod tests {
     #[test]
     fn beside_the_map_there_is_nothing() {
         let pixels = picture(&field(ndarray::array![[1.0]]), View::new((-1.5, 1.5), (-0.5, 0.5)), [3, 1]);
-        assert_eq!(pixels, [Color32::BLUE, Color32::WHITE, Color32::BLUE]);
+        assert_eq!(pixels, [MISSING, grey(1.0), MISSING]);
     }
 }

@@ -1,8 +1,8 @@
 //! The settings that the viewer keeps between starts.
 
 use crate::folders::Folder;
+use crate::result::picture::scale::{ColorMap, ScaleKind};
 use crate::viewer::compare::Comparison;
-use crate::viewer::scale::{ColorMap, ScaleKind};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 

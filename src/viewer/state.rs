@@ -1,9 +1,9 @@
 //! The state of the window: the model, and the user's present actions.
 
+use crate::result::picture::scale::Palette;
 use crate::viewer::field::Cell;
 use crate::viewer::model::{Analysis, Model, Picture};
 use crate::viewer::plot::{Frame, View};
-use crate::viewer::raster;
 use crate::viewer::region::Region;
 use crate::viewer::spots::Spot;
 use eframe::egui::TextureHandle;
@@ -67,7 +67,7 @@ pub(super) struct Painted {
     pub picture: Arc<Picture>,
     pub view: View,
     pub size: [usize; 2],
-    pub colors: raster::Colors,
+    pub palette: Palette,
     pub texture: TextureHandle,
 }
 

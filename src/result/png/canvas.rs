@@ -11,8 +11,10 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::{FontStyle, FontTransform, register_font};
 
-use crate::format::significant;
-use crate::result::png::raster::{Colors, Raster};
+use crate::result::picture::Rgb;
+use crate::result::picture::raster::Raster;
+use crate::result::picture::scale::{Palette, Scale, Shade};
+use crate::result::picture::ticks::{Tick, tick, ticks, ticks_that_fit};
 
 /// Only writing the file can fail; the message is the reason.
 pub(crate) type Drawn = Result<(), String>;
@@ -35,7 +37,7 @@ pub(super) struct Place {
 pub(super) struct Axis {
     pub label: String,
     pub range: (f64, f64),
-    pub ticks: Vec<(f64, String)>,
+    pub ticks: Vec<Tick>,
 }
 
 /// A picture in the making. Every size is a multiple of `text`, the size of the tick labels \[pixels\].
@@ -85,17 +87,13 @@ impl Place {
 impl Axis {
     /// An axis along `length` pixels whose labels stand side by side.
     pub fn horizontal(label: &str, range: (f64, f64), length: i32, text: f64) -> Self {
-        let fits = |ticks: &Vec<(f64, String)>| {
+        let fits = |ticks: &[Tick]| {
             let widest = ticks.iter().map(|(_, label)| text_width(label, text)).max().unwrap_or(0);
             f64::from(widest) * 1.7 * ticks.len() as f64 <= f64::from(length)
         };
-        let ticks = (2..=9).rev().map(|count| ticks(range, count)).find(fits);
+        let ticks = ticks_that_fit(range, 9, fits).filter(|ticks| !ticks.is_empty());
         let ends = || vec![tick(0.5 * (range.0 + range.1), range.1 - range.0)];
-        Axis {
-            label: label.into(),
-            range,
-            ticks: ticks.filter(|ticks| !ticks.is_empty()).unwrap_or_else(ends),
-        }
+        Axis { label: label.into(), range, ticks: ticks.unwrap_or_else(ends) }
     }
 
     /// An axis along `length` pixels whose labels stand one above the other.
@@ -108,43 +106,6 @@ impl Axis {
     pub fn label_width(&self, text: f64) -> i32 {
         self.ticks.iter().map(|(_, label)| text_width(label, text)).max().unwrap_or(0)
     }
-}
-
-/// At most `count` round values within a range, a step of 1, 2 or 5 times a power of ten apart, with their labels.
-pub(crate) fn ticks((low, high): (f64, f64), count: usize) -> Vec<(f64, String)> {
-    let span = high - low;
-    let power = 10f64.powf((span / count as f64).log10().floor());
-    let steps = [1.0, 2.0, 5.0, 10.0, 20.0].map(|factor| factor * power);
-    let indices = |step: f64| ((low / step - 1e-9).ceil() as i64)..=((high / step + 1e-9).floor() as i64);
-    let fits = |step: &&f64| indices(**step).count() <= count;
-    let step = steps.iter().find(fits).copied().unwrap_or(20.0 * power);
-    indices(step).map(|index| tick(index as f64 * step, step)).collect()
-}
-
-/// A tick labelled with the decimals that a step needs, so that all labels of an axis have the same, and with a true
-/// minus sign.
-fn tick(value: f64, step: f64) -> (f64, String) {
-    const MOST_DECIMALS: f64 = 6.0;
-    let decimals = (-(step.log10() + 1e-9).floor()).max(0.0);
-    let label = if value.abs() < 1e-6 * step {
-        "0".into()
-    } else if decimals <= MOST_DECIMALS && value.abs() < 1e7 {
-        format!("{value:.*}", decimals as usize)
-    } else {
-        significant(value, 6)
-    };
-    (value, label.replace('-', "−"))
-}
-
-/// Powers of ten between two of their logarithms, all or every second and so on; over less than two of them also twice and
-/// five times a power.
-pub(super) fn decades((low, high): (f64, f64)) -> impl Iterator<Item = f64> {
-    const ROUNDING: f64 = 1e-9;
-    let factors: &[f64] = if high - low < 2.0 { &[1.0, 2.0, 5.0] } else { &[1.0] };
-    let every = 1 + (high - low) as i32 / 7;
-    let powers = (low.floor() as i32..=high.ceil() as i32).filter(move |power| power % every == 0);
-    let values = powers.flat_map(move |power| factors.iter().map(move |factor| factor * 10f64.powi(power)));
-    values.filter(move |value| (low - ROUNDING..=high + ROUNDING).contains(&value.log10()))
 }
 
 /// The name of an axis with its unit.
@@ -217,6 +178,12 @@ impl Canvas<'_> {
         self.text(text, middle, (self.text, RGBColor(140, 140, 140)), (HPos::Center, VPos::Center))
     }
 
+    /// Says that a map has no colour but the one of zero, if that is so.
+    pub fn note_if_dark(&self, place: Place, bar: &ColorBar) -> Drawn {
+        let text = if bar.scale.diverging { "no difference" } else { "no rays" };
+        if bar.scale.high == 0.0 { self.note(place, text) } else { Ok(()) }
+    }
+
     /// Words beside a point.
     pub fn label(&self, text: &str, at: (i32, i32), horizontal: HPos, vertical: VPos) -> Drawn {
         self.text(text, at, (self.text, INK), (horizontal, vertical))
@@ -280,13 +247,14 @@ impl Canvas<'_> {
         self.upright_text(&axis.label, (middle, place.top + place.height / 2))
     }
 
-    /// The colours from zero to the top value, with ticks in a unit whose prefix fits.
+    /// The colours of a scale, with ticks in a unit whose prefix fits.
     pub fn color_bar(&self, place: Place, bar: &ColorBar) -> Drawn {
+        let colors = Palette::of_files(&bar.scale).lookup();
         let mut raster = Raster::filled(place.width as usize, place.height as usize, [0; 3]);
         for (row, pixels) in raster.rgb.chunks_exact_mut(3 * place.width as usize).enumerate() {
             let part = row as f64 / f64::from(place.height - 1).max(1.0);
-            let color = bar.colors.color(bar.colors.fraction(part));
-            pixels.chunks_exact_mut(3).for_each(|pixel| pixel.copy_from_slice(&[color.r, color.g, color.b]));
+            let color = colors(Shade::Part(1.0 - part));
+            pixels.chunks_exact_mut(3).for_each(|pixel| pixel.copy_from_slice(&color));
         }
         self.raster(place, raster)?;
         self.frame(place)?;
@@ -316,7 +284,7 @@ impl Canvas<'_> {
     }
 
     /// A dot, as the key to a colour.
-    pub fn dot(&self, at: (i32, i32), color: [u8; 3]) -> Drawn {
+    pub fn dot(&self, at: (i32, i32), color: Rgb) -> Drawn {
         let [r, g, b] = color;
         self.root.draw(&Circle::new(at, 0.3 * self.text, RGBColor(r, g, b).filled())).map_err(reason)
     }
@@ -327,41 +295,27 @@ pub(super) struct ColorBar {
     /// The unit of its labels: how many units of the values it is, and its name.
     pub unit: (f64, String),
     axis: Axis,
-    colors: Colors,
+    scale: Scale,
 }
 
 impl ColorBar {
-    /// The bar of a quantity up to `top`, along `length` pixels.
-    pub fn new(
-        quantity: &str,
-        unit: (f64, String),
-        (top, colors): (f64, Colors),
-        length: i32,
-        text: f64,
-    ) -> Self {
+    /// The bar of a quantity, along `length` pixels.
+    pub fn new(quantity: &str, unit: (f64, String), scale: Scale, length: i32, text: f64) -> Self {
+        const DECADES: usize = 7;
         let label = with_unit(quantity, &unit.1);
-        let range = (colors.fraction(1.0) * top / unit.0, top / unit.0);
-        let axis = match colors {
+        let range = (scale.low / unit.0, scale.high / unit.0);
+        let axis = if scale.high <= 0.0 {
             // Without any flux there is one colour, that of zero, and one honest tick.
-            _ if top <= 0.0 => {
-                Axis { label, range: (colors.fraction(1.0).min(0.0), 1.0), ticks: vec![(0.0, "0".into())] }
-            }
-            Colors::Log(_) => {
-                let range = (range.0.log10(), range.1.log10());
-                let label_of = |value: f64| (value.log10(), significant(value, 3).replace('-', "−"));
-                Axis { label, range, ticks: decades(range).map(label_of).collect() }
-            }
-            Colors::Rising | Colors::Diverging => Axis::vertical(&label, range, length, text),
+            let low = if scale.diverging { -1.0 } else { 0.0 };
+            Axis { label, range: (low, 1.0), ticks: vec![(0.0, "0".into())] }
+        } else if scale.is_log() {
+            let ticks = scale.ticks(unit.0, DECADES).into_iter();
+            let ticks = ticks.map(|(value, label)| (value.log10(), label)).collect();
+            Axis { label, range: (range.0.log10(), range.1.log10()), ticks }
+        } else {
+            Axis::vertical(&label, range, length, text)
         };
-        ColorBar { unit, axis, colors }
-    }
-
-    /// What a map says that has no colour but that of zero.
-    pub fn note(&self) -> &'static str {
-        match self.colors {
-            Colors::Rising | Colors::Log(_) => "no rays",
-            Colors::Diverging => "no difference",
-        }
+        ColorBar { unit, axis, scale }
     }
 
     /// Width of ticks, labels and name, right of the colours \[pixels\].
@@ -377,39 +331,17 @@ fn reason(error: impl std::fmt::Display) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn labels(range: (f64, f64), count: usize) -> Vec<String> {
-        ticks(range, count).into_iter().map(|(_, label)| label).collect()
-    }
+    use crate::result::picture::scale::ScaleKind;
+    use ndarray::array;
 
     #[test]
     fn a_map_without_light_has_an_axis_on_any_scale() {
-        for (colors, low) in [(Colors::Rising, 0.0), (Colors::Log(0), 0.0), (Colors::Diverging, -1.0)] {
-            let bar = ColorBar::new("irradiance", (1.0, "W".into()), (0.0, colors), 400, 20.0);
+        let dark = array![[0.0]];
+        let fit = |kind| Scale::fit(kind, 100.0, [&dark]).in_whole_decades();
+        let difference = Scale::fit_difference(ScaleKind::Linear, 100.0, &dark);
+        for (scale, low) in [(fit(ScaleKind::Linear), 0.0), (fit(ScaleKind::Log), 0.0), (difference, -1.0)] {
+            let bar = ColorBar::new("irradiance", (1.0, "W".into()), scale, 400, 20.0);
             assert_eq!((bar.axis.range, bar.axis.ticks), ((low, 1.0), vec![(0.0, "0".into())]));
-        }
-    }
-
-    #[test]
-    fn ticks_stand_at_round_numbers() {
-        assert_eq!(labels((-5.0, 5.0), 5), ["−4", "−2", "0", "2", "4"]);
-        assert_eq!(labels((0.0, 0.36), 4), ["0", "0.1", "0.2", "0.3"]);
-        assert_eq!(labels((-5e-4, 5e-4), 6), ["−0.0004", "−0.0002", "0", "0.0002", "0.0004"]);
-        assert_eq!(labels((0.0, 1e4), 3), ["0", "5000", "10000"]);
-        assert_eq!(labels((1.0, 1.02), 5), ["1.000", "1.005", "1.010", "1.015", "1.020"]);
-        assert_eq!(labels((-5e-9, 5e-9), 3), ["−5e−9", "0", "5e−9"]);
-    }
-
-    #[test]
-    fn no_range_has_too_many_ticks() {
-        for exponent in -12..12 {
-            for factor in [1.0, 1.3, 2.7, 4.9, 9.99] {
-                let half = factor * 10f64.powi(exponent);
-                for count in 2..=9 {
-                    let ticks = ticks((-half, half), count);
-                    assert!((1..=count).contains(&ticks.len()), "{half} {count}: {ticks:?}");
-                }
-            }
         }
     }
 }

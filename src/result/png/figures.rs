@@ -5,9 +5,13 @@ use std::path::Path;
 use plotters::style::text_anchor::{HPos, VPos};
 
 use crate::format::{self, si_prefix, significant, thousands, with_prefix};
+use crate::result::picture::Rgb;
+use crate::result::picture::polar::{Disc, Window};
+use crate::result::picture::pyramid::Pyramid;
+use crate::result::picture::raster::{Means, Raster, runs};
+use crate::result::picture::scale::{Palette, Scale, ScaleKind};
 pub(crate) use crate::result::png::canvas::Drawn;
 use crate::result::png::canvas::{Axis, Canvas, ColorBar, Place, picture, text_width, with_unit};
-use crate::result::png::raster::{self, Colors, Raster};
 use crate::result::png::style::Style;
 use ndarray::Array2;
 
@@ -99,7 +103,7 @@ fn numbers(head: &Head, peak: Option<(f64, &ColorBar)>) -> String {
 /// Irradiance over x and y, true to scale.
 pub(crate) fn map(path: &Path, head: &Head, size: (f64, f64), values: &Array2<f64>) -> Drawn {
     let panel = MapPanel::new(size, values, head.style);
-    let numbers = numbers(head, Some((raster::maximum(values), &panel.bar)));
+    let numbers = numbers(head, Some((maximum(values), &panel.bar)));
     let layout = panel.layout(head, &numbers, 0);
     picture(path, layout.size, panel.text, |canvas| {
         canvas.title(layout.head, &format::shown(head.name), &numbers)?;
@@ -117,7 +121,7 @@ pub(crate) fn difference(
     values: &Array2<f64>,
 ) -> Drawn {
     let name = format!("{name}, A − B");
-    let panel = MapPanel::of_spans(spans, (&name, unit), values, (Colors::Diverging, head.style));
+    let panel = MapPanel::of_spans(spans, (&name, unit), values, (None, head.style));
     let layout = panel.layout(head, numbers, 0);
     picture(path, layout.size, panel.text, |canvas| {
         canvas.title(layout.head, &format::shown(head.name), numbers)?;
@@ -134,7 +138,7 @@ pub(crate) fn map_and_spectrum(
     bins: (&[f64], &[f64]),
 ) -> Drawn {
     let panel = MapPanel::new(size, broadband, head.style);
-    let numbers = numbers(head, Some((raster::maximum(broadband), &panel.bar)));
+    let numbers = numbers(head, Some((maximum(broadband), &panel.bar)));
     let text = panel.text;
     let px = |times: f64| (times * text).round() as i32;
     let layout = panel.layout(head, &numbers, px(9.0 + FOOT));
@@ -173,7 +177,7 @@ fn spectrum(canvas: &Canvas, place: Place, text: f64, (edges, fluxes): (&[f64], 
 
 /// A map with its axes and its colour bar.
 struct MapPanel {
-    shown: raster::Shown,
+    raster: Raster,
     text: f64,
     x: Axis,
     y: Axis,
@@ -184,39 +188,41 @@ impl MapPanel {
     fn new((width, height): (f64, f64), values: &Array2<f64>, style: Style) -> Self {
         let span = |name, size: f64| Span { label: (name, "mm"), range: (-size / 2.0, size / 2.0) };
         let spans = [span("x", width), span("y", height)];
-        Self::of_spans(spans, ("Irradiance", "W/mm²"), values, (Colors::rising(style), style))
+        Self::of_spans(spans, ("Irradiance", "W/mm²"), values, (Some(style.scale()), style))
     }
 
+    /// A map in the colours of a kind of scale, or of differences.
     fn of_spans(
         [x, y]: [Span; 2],
         (name, unit): (&str, &str),
         values: &Array2<f64>,
-        (colors, style): (Colors, Style),
+        (kind, style): (Option<ScaleKind>, Style),
     ) -> Self {
         let (ny, nx) = values.dim();
         let length = |span: &Span| span.range.1 - span.range.0;
-        let size = raster::map_size((length(&x), length(&y)), (nx, ny));
+        let size = map_size((length(&x), length(&y)), (nx, ny));
         let text = text_size(size);
-        let shown = raster::map(values, size, colors);
+        let whole = Pyramid::default();
+        let along = |cells: usize, pixels: usize| runs((0.0, cells as f64), cells, pixels);
+        let means = Means::new(&whole.level(values, 1.0), &along(ny, size.1), &along(nx, size.0));
+        let scale = match kind {
+            Some(kind) => fitted(kind, &means.values),
+            None => Scale::fit_difference(ScaleKind::Linear, 100.0, &means.values),
+        };
+        let color = Palette::of_files(&scale).lookup();
         let bar_length = (size.1 as f64).max(LEAST_HEIGHT * text) as i32;
         MapPanel {
             text,
             x: Axis::horizontal(&with_unit(x.label.0, x.label.1), x.range, size.0 as i32, text),
             y: Axis::vertical(&with_unit(y.label.0, y.label.1), y.range, size.1 as i32, text),
-            bar: ColorBar::new(
-                name,
-                style.unit_of(unit, shown.top),
-                (shown.top, shown.colors),
-                bar_length,
-                text,
-            ),
-            shown,
+            bar: ColorBar::new(name, style.unit_of(unit, scale.high), scale, bar_length, text),
+            raster: means.paint(|value| color(scale.shade(value))),
         }
     }
 
     fn layout(&self, head: &Head, numbers: &str, below: i32) -> Layout {
         Layout::new(&Parts {
-            data: (self.shown.raster.width, self.shown.raster.height),
+            data: (self.raster.width, self.raster.height),
             text: self.text,
             y_labels: self.y.label_width(self.text),
             key: self.bar.margin(self.text),
@@ -227,15 +233,37 @@ impl MapPanel {
     }
 
     fn draw(self, canvas: &Canvas, layout: &Layout) -> Drawn {
-        canvas.raster(layout.data, self.shown.raster)?;
-        if self.shown.top == 0.0 {
-            canvas.note(layout.data, self.bar.note())?;
-        }
+        canvas.raster(layout.data, self.raster)?;
+        canvas.note_if_dark(layout.data, &self.bar)?;
         canvas.frame(layout.data)?;
         canvas.x_axis(layout.data, &self.x)?;
         canvas.y_axis(layout.data, &self.y)?;
         canvas.color_bar(layout.bar, &self.bar)
     }
+}
+
+/// A scale of values that are not negative.
+fn fitted(kind: ScaleKind, values: &Array2<f64>) -> Scale {
+    Scale::fit(kind, 100.0, [values]).in_whole_decades()
+}
+
+/// The largest value; 0 if there is none above.
+fn maximum(values: &Array2<f64>) -> f64 {
+    values.iter().copied().fold(0.0, f64::max)
+}
+
+/// The size in picture pixels of a map of `width` x `height` with `nx` x `ny` pixels: true to scale, and with a whole
+/// number of picture pixels per map pixel where that fits.
+fn map_size((width, height): (f64, f64), (nx, ny): (usize, usize)) -> (usize, usize) {
+    const USUAL: f64 = 1200.0;
+    const LARGE: f64 = 2400.0;
+    // Beyond this the narrow side would vanish, and the axes have scales of their own.
+    const MAX_ASPECT: f64 = 12.0;
+    let aspect = (height / width).clamp(1.0 / MAX_ASPECT, MAX_ASPECT);
+    let limit = if nx.max(ny) as f64 > USUAL { LARGE } else { USUAL };
+    let whole = (limit / nx as f64).min(limit / (nx as f64 * aspect)).floor();
+    let shown = if whole >= 1.0 { whole * nx as f64 } else { limit * (1.0 / aspect).min(1.0) };
+    (shown.round().max(1.0) as usize, (shown * aspect).round().max(1.0) as usize)
 }
 
 /// Intensity over directions: a disc seen along the detector's axis, out to the last direction that holds flux.
@@ -244,16 +272,20 @@ pub(crate) fn directions(path: &Path, head: &Head, intensity: &Array2<f64>) -> D
     let limit = shown_angle(intensity);
     let text = text_size((SIZE, SIZE));
     let px = |times: f64| (times * text).round() as i32;
-    let mut shown = raster::polar(intensity, limit, SIZE, Colors::rising(head.style));
-    let unit = head.style.unit_of("W/sr", shown.top);
-    let bar = ColorBar::new("Intensity", unit, (shown.top, shown.colors), SIZE as i32, text);
-    let numbers = numbers(head, Some((shown.top, &bar)));
+    let scale = fitted(head.style.scale(), intensity);
+    let color = Palette::of_files(&scale).lookup();
+    let colors = intensity.mapv(|value| color(scale.shade(value)));
+    let disc = Disc { colors: &colors, limit, outside: [255; 3] };
+    let mut raster = disc.draw(Window::WHOLE, [SIZE; 2]);
+    let unit = head.style.unit_of("W/sr", scale.high);
+    let bar = ColorBar::new("Intensity", unit, scale, SIZE as i32, text);
+    let numbers = numbers(head, Some((scale.high, &bar)));
     let axis = polar_axis(limit);
     for (angle, _) in axis.ticks.iter().filter(|(angle, _)| *angle > 0.0 && *angle < limit) {
         let radius = angle / limit * SIZE as f64 / 2.0;
-        shown.raster.circle(radius, 1.5, [255; 3], 0.35);
+        raster.circle(radius, 1.5, [255; 3], 0.35);
     }
-    shown.raster.circle(SIZE as f64 / 2.0 - 1.0, 2.0, [34; 3], 1.0);
+    raster.circle(SIZE as f64 / 2.0 - 1.0, 2.0, [34; 3], 1.0);
 
     let rim = text_width("−135°", text) + px(0.6);
     let mut layout = Layout::new(&Parts {
@@ -270,10 +302,8 @@ pub(crate) fn directions(path: &Path, head: &Head, intensity: &Array2<f64>) -> D
     layout.bar.left += rim;
     picture(path, layout.size, text, |canvas| {
         canvas.title(layout.head, &format::shown(head.name), &numbers)?;
-        canvas.raster(layout.data, shown.raster)?;
-        if shown.top == 0.0 {
-            canvas.note(layout.data, "no rays")?;
-        }
+        canvas.raster(layout.data, raster)?;
+        canvas.note_if_dark(layout.data, &bar)?;
         azimuth_labels(canvas, layout.data, px(0.5))?;
         let below = Place { height: layout.data.height + px(1.5), ..layout.data };
         canvas.base_line(below)?;
@@ -375,7 +405,7 @@ pub(crate) fn spots(
         let (radius, alpha) = spot_style(points.len());
         for &((px, py), wavelength) in &points {
             let at = ((px - x_low) / (x_high - x_low), (y_high - py) / (y_high - y_low));
-            let color = raster::wavelength_color(wavelength, key.range);
+            let color = wavelength_color(wavelength, key.range);
             raster.disc((at.0 * SIZE as f64, at.1 * SIZE as f64), radius, color, alpha);
         }
         canvas.raster(layout.data, raster)?;
@@ -445,6 +475,14 @@ fn square_around(bounds: Option<((f64, f64), (f64, f64))>) -> ((f64, f64), (f64,
     (around(x), around(y))
 }
 
+/// The colour of a wavelength within a range, from short to long; of a range of one wavelength, the first. The bright
+/// end of the colours is left out, because it would not show on white.
+fn wavelength_color(wavelength: f64, (shortest, longest): (f64, f64)) -> Rgb {
+    const SPAN: f64 = 0.85;
+    let fraction = if longest > shortest { (wavelength - shortest) / (longest - shortest) } else { 0.0 };
+    colorous::PLASMA.eval_continuous(SPAN * fraction).into_array()
+}
+
 /// The key to the colours of wavelengths: one dot each while they are few, else the shortest, middle and longest.
 struct WavelengthKey {
     wavelengths: Vec<f64>,
@@ -475,12 +513,25 @@ impl WavelengthKey {
     fn draw(&self, canvas: &Canvas, place: Place, text: f64) -> Drawn {
         for (row, (wavelength, label)) in self.wavelengths.iter().zip(self.labels()).enumerate() {
             let middle = place.top + ((row as f64 * 1.6 + 0.6) * text) as i32;
-            canvas.dot(
-                (place.left + (0.3 * text) as i32, middle),
-                raster::wavelength_color(*wavelength, self.range),
-            )?;
+            canvas
+                .dot((place.left + (0.3 * text) as i32, middle), wavelength_color(*wavelength, self.range))?;
             canvas.label(&label, (place.right(), middle), HPos::Left, VPos::Center)?;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_map_is_shown_true_to_scale() {
+        assert_eq!(map_size((4.0, 2.0), (4, 2)), (1200, 600));
+        assert_eq!(map_size((4.0, 2.0), (100, 100)), (1200, 600), "pixels that are not square");
+        assert_eq!(map_size((1.0, 1.0), (256, 256)), (1024, 1024), "whole picture pixels per map pixel");
+        assert_eq!(map_size((20.0, 3.0), (2000, 300)), (2000, 300));
+        assert_eq!(map_size((1.0, 1.0), (9000, 9000)), (2400, 2400));
+        assert_eq!(map_size((1.0, 1000.0), (1, 100)), (100, 1200), "a sliver is widened");
     }
 }

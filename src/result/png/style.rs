@@ -3,6 +3,7 @@
 use crate::error::{Error, Result};
 use crate::format::si_prefix;
 use crate::model::SceneIr;
+use crate::result::picture::scale::ScaleKind;
 use std::fmt;
 use std::str::FromStr;
 
@@ -90,6 +91,11 @@ impl FromStr for Unit {
 }
 
 impl Style {
+    /// The kind of scale of values that are not negative.
+    pub(super) fn scale(self) -> ScaleKind {
+        if self.is_log { ScaleKind::Log } else { ScaleKind::Linear }
+    }
+
     /// The unit of values up to `top`, in which results have the unit `base`: how many of those it is, and its name.
     pub(super) fn unit_of(self, base: &str, top: f64) -> (f64, String) {
         match self.unit {

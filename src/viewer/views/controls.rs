@@ -1,8 +1,8 @@
 //! The controls above a plot: what dragging does, and how values become colours.
 
 use crate::result::DetectorData;
+use crate::result::picture::scale::{ColorMap, ScaleKind};
 use crate::viewer::model::Picture;
-use crate::viewer::scale::{ColorMap, ScaleKind};
 use crate::viewer::settings::Tool;
 use crate::viewer::state::App;
 use eframe::egui::{self, ComboBox, DragValue, Slider, Ui};

@@ -7,7 +7,6 @@ use crate::viewer::model::Picture;
 use crate::viewer::plot::{Colors, Frame, Plot, View};
 use crate::viewer::profile::{Line, Sample, profile};
 use crate::viewer::region::EncircledEnergy;
-use crate::viewer::scale::ScaleKind;
 use crate::viewer::spots::Spots;
 use crate::viewer::state::App;
 use crate::viewer::views::detector::default_line;
@@ -23,7 +22,7 @@ pub fn show(app: &mut App, ui: &mut Ui) {
     match picture.as_ref() {
         Picture::Map { field, other, scale, .. } => {
             let line = app.model.marks().line.unwrap_or_else(|| default_line(field));
-            let log = scale.kind == ScaleKind::Log && !scale.diverging;
+            let log = scale.is_log();
             let prefix = scale.prefix(field.labels.value.1);
             let lines = Lines { field, other: other.as_deref(), line, log, prefix };
             lines.show(ui, left);

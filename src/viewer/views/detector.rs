@@ -1,11 +1,13 @@
 //! The plot of a detector: a map or a spot diagram, with the user's marks.
 
+use crate::result::picture::Rgb;
+use crate::result::picture::scale::{Palette, Scale};
+use crate::result::picture::ticks::ticks;
 use crate::viewer::field::{Field, Geometry};
 use crate::viewer::model::{Marks, Picture};
 use crate::viewer::plot::{self, Frame, Plot, Shown, View};
 use crate::viewer::raster;
 use crate::viewer::region::{Outline, Region};
-use crate::viewer::scale::{ColorMap, Scale, ScaleKind};
 use crate::viewer::settings::Tool;
 use crate::viewer::spots::Spots;
 use crate::viewer::state::{App, Cursor, Grab, Painted};
@@ -125,26 +127,32 @@ fn is_true_to_scale(field: &Field) -> bool {
     !angles && width / height < 8.0 && height / width < 8.0
 }
 
+/// The colours of a map or of differences.
+fn palette(app: &App, ui: &Ui, diverging: bool) -> Palette {
+    let [r, g, b, _] = plot::Colors::of(ui).ground.to_array();
+    Palette::of_window(app.model.settings.color_map, diverging, [r, g, b])
+}
+
+fn color32([r, g, b]: Rgb) -> Color32 {
+    Color32::from_rgb(r, g, b)
+}
+
 /// Draws the texture, and makes it anew after a change.
 fn paint(app: &mut App, ui: &Ui, painter: &Painter, frame: &Frame, picture: &Arc<Picture>) {
     let scale = ui.pixels_per_point();
     let size = size_of(ui, frame);
     let ground = plot::Colors::of(ui).ground;
     let diverging = matches!(picture.as_ref(), Picture::Map { scale, .. } if scale.diverging);
-    let colors = raster::Colors {
-        table: app.model.settings.color_map.table(diverging),
-        zero: ColorMap::ZERO,
-        missing: ground,
-    };
+    let palette = palette(app, ui, diverging);
     let fresh = app.painted.as_ref().is_some_and(|painted| {
         Arc::ptr_eq(&painted.picture, picture)
             && (painted.view, painted.size) == (frame.view, size)
-            && painted.colors == colors
+            && painted.palette == palette
     });
     if !fresh {
         let image = match picture.as_ref() {
             Picture::Map { field, pyramid, scale, .. } => {
-                raster::map(field, pyramid, scale, &colors, &frame.view, size)
+                raster::map(field, pyramid, (scale, &palette), &frame.view, size)
             }
             Picture::Spots(spots) => {
                 let color = |wavelength: f64| wavelength_color(ui, wavelength, spots.wavelengths);
@@ -159,7 +167,7 @@ fn paint(app: &mut App, ui: &Ui, painter: &Painter, frame: &Frame, picture: &Arc
             }
             None => ui.ctx().load_texture("plot", image, TextureOptions::NEAREST),
         };
-        app.painted = Some(Painted { picture: picture.clone(), view: frame.view, size, colors, texture });
+        app.painted = Some(Painted { picture: picture.clone(), view: frame.view, size, palette, texture });
     }
     if let Some(painted) = &app.painted {
         let whole = Rect::from_min_max(Pos2::ZERO, pos2(1.0, 1.0));
@@ -194,8 +202,7 @@ fn wavelength_color(ui: &Ui, wavelength: f64, (shortest, longest): (f64, f64)) -
     let part = if longest > shortest { (wavelength - shortest) / (longest - shortest) } else { 0.35 };
     let part = if ui.visuals().dark_mode { 0.25 + 0.75 * part } else { 0.85 * part };
     let color = if ui.visuals().dark_mode { colorous::COOL } else { colorous::PLASMA };
-    let color = color.eval_continuous(part);
-    Color32::from_rgb(color.r, color.g, color.b)
+    color32(color.eval_continuous(part).into_array())
 }
 
 /// Draws rings of the polar angle and spokes of the azimuth.
@@ -429,7 +436,7 @@ fn read(app: &mut App, shown: &Shown, picture: &Picture) -> Option<Cursor> {
 
 /// The colours with their values. Zero has a place of its own below.
 fn color_bar(app: &App, ui: &Ui, rect: Rect, field: &Field, scale: &Scale) {
-    let colors = app.model.settings.color_map.table(scale.diverging);
+    let palette = palette(app, ui, scale.diverging);
     let (name, unit) = field.labels.value;
     let text = plot::Colors::of(ui).text;
     let font = FontId::proportional(12.0);
@@ -440,21 +447,23 @@ fn color_bar(app: &App, ui: &Ui, rect: Rect, field: &Field, scale: &Scale) {
     let top = rect.top() + galley.size().y + 8.0;
     ui.painter().galley(pos2(left, rect.top()), galley, text);
     if scale.high <= scale.low && !scale.diverging {
-        zero_key(ui, pos2(left, top), "0 everywhere");
+        zero_key(ui, &palette, pos2(left, top), "0 everywhere");
         return;
     }
     let bottom = if scale.diverging { rect.bottom() - 4.0 } else { rect.bottom() - 30.0 };
     let bar = Rect::from_min_max(pos2(left, top), pos2(left + 18.0, bottom));
+    let colors: Vec<Color32> = (0..=255).map(|level| color32(palette.at(f64::from(level) / 255.0))).collect();
     plot::color_bar(ui, bar, &colors, &labels(scale, factor, bar.height()));
     if !scale.diverging {
-        zero_key(ui, pos2(left, rect.bottom() - 18.0), "0");
+        zero_key(ui, &palette, pos2(left, rect.bottom() - 18.0), "0");
     }
 }
 
-fn zero_key(ui: &Ui, at: Pos2, label: &str) {
+fn zero_key(ui: &Ui, palette: &Palette, at: Pos2, label: &str) {
     let colors = plot::Colors::of(ui);
     let swatch = Rect::from_min_size(at, vec2(18.0, 16.0));
-    ui.painter().rect(swatch, 0.0, ColorMap::ZERO, Stroke::new(1.0, colors.line), egui::StrokeKind::Outside);
+    let zero = color32(palette.zero);
+    ui.painter().rect(swatch, 0.0, zero, Stroke::new(1.0, colors.line), egui::StrokeKind::Outside);
     let place = swatch.right_center() + vec2(7.0, 0.0);
     ui.painter().text(place, Align2::LEFT_CENTER, label, FontId::proportional(12.0), colors.text);
 }
@@ -464,28 +473,17 @@ fn labels(scale: &Scale, factor: f64, height: f32) -> Vec<(f32, String)> {
     let end = |part: f32, sign: &str, value: f64| {
         (part, format!("{sign}{}", crate::format::significant(value / factor, 3)))
     };
-    if scale.kind == ScaleKind::Log && !scale.diverging {
-        let range = (scale.low.log10(), scale.high.log10());
-        let mut labels: Vec<(f32, String)> = plot::decades(range, count)
-            .into_iter()
-            .map(|(power, _)| {
-                let value = 10f64.powf(power);
-                (scale.part(value) as f32, crate::format::significant(value / factor, 2))
-            })
-            .collect();
-        if labels.len() < 2 {
-            labels = vec![end(0.0, "", scale.low), end(1.0, "", scale.high)];
-        } else if scale.cut {
-            labels[0].1.insert(0, '≤');
-        }
-        return labels;
-    }
-    let ticks = crate::result::png::ticks((scale.low / factor, scale.high / factor), count);
-    let mut labels: Vec<(f32, String)> = ticks
+    let mut labels: Vec<(f32, String)> = scale
+        .ticks(factor, count)
         .into_iter()
         .filter(|(value, _)| scale.diverging || *value > 0.0)
         .map(|(value, label)| (scale.part(value * factor) as f32, label))
         .collect();
+    if scale.is_log() && labels.len() < 2 {
+        labels = vec![end(0.0, "", scale.low), end(1.0, "", scale.high)];
+    } else if scale.is_log() && scale.cut {
+        labels[0].1.insert(0, '≤');
+    }
     if scale.saturated {
         labels.retain(|(part, _)| *part < 1.0 - 14.0 / height);
         labels.push(end(1.0, "≥", scale.high));
@@ -522,8 +520,9 @@ fn wavelength_bar(ui: &Ui, rect: Rect, spots: &Spots) {
         .map(|index| wavelength_color(ui, low + (high - low) * f64::from(index) / 127.0, (low, high)))
         .collect();
     let bar = Rect::from_min_max(pos2(left, top), pos2(left + 18.0, rect.bottom() - 4.0));
-    let ticks = crate::result::png::ticks((low, high), 6);
-    let labels: Vec<(f32, String)> =
-        ticks.into_iter().map(|(at, label)| (((at - low) / (high - low)) as f32, label)).collect();
+    let labels: Vec<(f32, String)> = ticks((low, high), 6)
+        .into_iter()
+        .map(|(at, label)| (((at - low) / (high - low)) as f32, label))
+        .collect();
     plot::color_bar(ui, bar, &colors, &labels);
 }

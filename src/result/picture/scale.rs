@@ -1,11 +1,11 @@
 //! Turns values into colours: linear, logarithmic, or linear up to a percentile.
 //!
-//! A zero is a finding of its own, and has a colour that no other value has. Colours are perceptually even, and their
-//! brightness rises with the value. The colours of differences diverge from a neutral middle.
+//! Colours are perceptually even, and their brightness rises with the value. The colours of differences diverge from a
+//! neutral middle. In the window a zero is a finding of its own, with a colour that no other value has.
 
-use crate::format::si_prefix;
-use colorous::Gradient;
-use eframe::egui::Color32;
+use crate::format::{si_prefix, significant};
+use crate::result::picture::Rgb;
+use crate::result::picture::ticks::{Tick, decades, ticks, with_minus};
 use ndarray::Array2;
 use serde::{Deserialize, Serialize};
 
@@ -59,10 +59,29 @@ pub enum Shade {
     Part(f64),
 }
 
+/// The colours of the shades.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Palette {
+    colors: Ramp,
+    /// The part at the beginning of the colours that only zero may have.
+    reserved: f64,
+    /// The colour of exactly zero.
+    pub zero: Rgb,
+    /// The colour where there is no value.
+    pub missing: Rgb,
+}
+
+/// Colours in a row.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Ramp {
+    Map(ColorMap),
+    Diverging,
+}
+
 /// Most decades of a logarithmic scale.
 const DECADES: f64 = 6.0;
-/// The part at the beginning of a colour map that is left to zero.
-const FIRST_PART: f64 = 0.10;
+/// The part of a colour map that faint light leaves to zero.
+const RESERVED: f64 = 0.1;
 
 impl ScaleKind {
     /// All, in the order in which they are offered.
@@ -79,37 +98,64 @@ impl ColorMap {
         (ColorMap::Cividis, "Cividis"),
         (ColorMap::Grey, "Grey"),
     ];
+}
 
-    /// Exactly zero.
-    pub const ZERO: Color32 = Color32::from_rgb(12, 13, 17);
-
-    /// The colours, from dark to bright.
-    fn color(self, part: f64) -> Color32 {
-        let gradient: Gradient = match self {
-            ColorMap::Inferno => colorous::INFERNO,
-            ColorMap::Magma => colorous::MAGMA,
-            ColorMap::Viridis => colorous::VIRIDIS,
-            ColorMap::Cividis => colorous::CIVIDIS,
+impl Ramp {
+    fn color(self, position: f64) -> Rgb {
+        let (gradient, position) = match self {
+            Ramp::Map(ColorMap::Inferno) => (colorous::INFERNO, position),
+            Ramp::Map(ColorMap::Magma) => (colorous::MAGMA, position),
+            Ramp::Map(ColorMap::Viridis) => (colorous::VIRIDIS, position),
+            Ramp::Map(ColorMap::Cividis) => (colorous::CIVIDIS, position),
             // The grey scale of colorous runs from white to black.
-            ColorMap::Grey => return opaque(colorous::GREYS, 1.0 - (FIRST_PART + (1.0 - FIRST_PART) * part)),
-        };
-        opaque(gradient, FIRST_PART + (1.0 - FIRST_PART) * part)
-    }
-
-    /// 256 colours from the first to the last of a scale.
-    pub fn table(self, diverging: bool) -> Vec<Color32> {
-        let color = |index: i32| {
-            let part = f64::from(index) / 255.0;
+            Ramp::Map(ColorMap::Grey) => (colorous::GREYS, 1.0 - position),
             // Red means that A is larger.
-            if diverging { opaque(colorous::RED_BLUE, 1.0 - part) } else { self.color(part) }
+            Ramp::Diverging => (colorous::RED_BLUE, 1.0 - position),
         };
-        (0..256).map(color).collect()
+        gradient.eval_continuous(position).into_array()
     }
 }
 
-fn opaque(gradient: Gradient, part: f64) -> Color32 {
-    let color = gradient.eval_continuous(part.clamp(0.0, 1.0));
-    Color32::from_rgb(color.r, color.g, color.b)
+impl Palette {
+    /// The colours of `.png` files: zero is black, and a linear scale begins with it. Faint light has another colour than
+    /// none on a logarithmic scale.
+    pub fn of_files(scale: &Scale) -> Self {
+        let reserved = if scale.is_log() { RESERVED } else { 0.0 };
+        let map = Ramp::Map(ColorMap::Inferno);
+        let colors = if scale.diverging { Ramp::Diverging } else { map };
+        Palette { colors, reserved, zero: map.color(0.0), missing: [255; 3] }
+    }
+
+    /// The colours of the window, with `missing` where there is no value.
+    pub fn of_window(map: ColorMap, diverging: bool, missing: Rgb) -> Self {
+        let zero = [12, 13, 17];
+        match diverging {
+            true => Palette { colors: Ramp::Diverging, reserved: 0.0, zero, missing },
+            false => Palette { colors: Ramp::Map(map), reserved: RESERVED, zero, missing },
+        }
+    }
+
+    /// The colour at a position along the colours, in 0..=1.
+    pub fn at(&self, part: f64) -> Rgb {
+        self.colors.color(self.position(part))
+    }
+
+    fn position(&self, part: f64) -> f64 {
+        self.reserved + (1.0 - self.reserved) * part
+    }
+
+    /// Looks up the colours of many shades.
+    pub fn lookup(self) -> impl Fn(Shade) -> Rgb {
+        /// Finer than the 8 bits of a colour; a picture has more pixels than that.
+        const LEVELS: usize = 1 << 12;
+        let color = |level: usize| self.colors.color(level as f64 / LEVELS as f64);
+        let table: Vec<Rgb> = (0..=LEVELS).map(color).collect();
+        move |shade| match shade {
+            Shade::Missing => self.missing,
+            Shade::Zero => self.zero,
+            Shade::Part(part) => table[(self.position(part) * LEVELS as f64).round() as usize],
+        }
+    }
 }
 
 impl Scale {
@@ -158,6 +204,30 @@ impl Scale {
         Scale { low: -scale.high, diverging: true, ..scale }
     }
 
+    /// True if equal ratios look equally far apart.
+    pub fn is_log(&self) -> bool {
+        self.kind == ScaleKind::Log && !self.diverging
+    }
+
+    /// The scale over whole decades, if it is logarithmic.
+    pub fn in_whole_decades(self) -> Scale {
+        if !self.is_log() || self.high <= self.low {
+            return self;
+        }
+        let decades = (self.high / self.low).log10().ceil().clamp(1.0, DECADES);
+        Scale { low: 10f64.powf(-decades) * self.high, ..self }
+    }
+
+    /// Round values along the scale, in a unit that is so many of the scale's.
+    pub fn ticks(&self, unit: f64, count: usize) -> Vec<Tick> {
+        let (low, high) = (self.low / unit, self.high / unit);
+        if self.is_log() {
+            let label = |value| (value, with_minus(&significant(value, 3)));
+            return decades((low.log10(), high.log10()), count).map(label).collect();
+        }
+        ticks((low, high), count)
+    }
+
     /// What a value looks like.
     pub fn shade(&self, value: f64) -> Shade {
         if value.is_nan() {
@@ -175,7 +245,7 @@ impl Scale {
     /// The position of a value along the colours; beyond 0..=1 outside the scale.
     pub fn part(&self, value: f64) -> f64 {
         match self.kind {
-            ScaleKind::Log if !self.diverging => {
+            ScaleKind::Log if self.is_log() => {
                 (value / self.low).max(f64::MIN_POSITIVE).ln() / (self.high / self.low).ln()
             }
             _ => (value - self.low) / (self.high - self.low),
@@ -185,7 +255,7 @@ impl Scale {
     /// The value at a position along the colours.
     pub fn value(&self, part: f64) -> f64 {
         match self.kind {
-            ScaleKind::Log if !self.diverging => self.low * (self.high / self.low).powf(part),
+            ScaleKind::Log if self.is_log() => self.low * (self.high / self.low).powf(part),
             _ => self.low + part * (self.high - self.low),
         }
     }
@@ -204,8 +274,12 @@ mod tests {
             assert_eq!(scale.shade(0.0), Shade::Zero, "{kind:?}");
             assert!(matches!(scale.shade(1e-30), Shade::Part(_)), "{kind:?}");
         }
-        for (map, name) in ColorMap::ALL {
-            assert!(!map.table(false).contains(&ColorMap::ZERO), "{name}");
+        let scale = Scale::fit(ScaleKind::Log, 99.0, [&values]);
+        let palettes = ColorMap::ALL.map(|(map, _)| Palette::of_window(map, false, [255; 3]));
+        for palette in palettes.into_iter().chain([Palette::of_files(&scale)]) {
+            let mut colors = (0..=255).map(|level| palette.at(f64::from(level) / 255.0));
+            assert!(colors.all(|color| color != palette.zero), "{palette:?}");
+            assert_eq!(palette.lookup()(Shade::Zero), palette.zero);
         }
     }
 
@@ -224,6 +298,34 @@ mod tests {
         let scale = Scale::fit(ScaleKind::Log, 99.0, [&array![[1e-12, 1.0]]]);
         assert!(scale.cut && (scale.low / 1e-6 - 1.0).abs() < 1e-12);
         assert_eq!(scale.shade(1e-12), Shade::Part(0.0));
+    }
+
+    #[test]
+    fn logarithmic_pictures_have_whole_decades() {
+        let fit = |values: &Array2<f64>| Scale::fit(ScaleKind::Log, 99.0, [values]).in_whole_decades();
+        let scale = fit(&array![[0.0, 1e-9, 1e-4, 1e-2, 1.0]]);
+        let part = |value: f64| match scale.shade(value) {
+            Shade::Part(part) => part,
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(part(1e-9), 0.0, "below all decades, and not none");
+        for (value, expected) in [(1e-4, 1.0 / 3.0), (1e-2, 2.0 / 3.0), (1.0, 1.0)] {
+            assert!((part(value) - expected).abs() < 1e-12, "{value}");
+        }
+        let scale = fit(&array![[0.5, 0.2, 1.0]]);
+        assert!((scale.low - 0.1).abs() < 1e-15);
+        assert_eq!(scale.ticks(1e-3, 7).last().map(|tick| tick.1.as_str()), Some("1000"));
+        assert_eq!(fit(&array![[0.0]]).high, 0.0);
+    }
+
+    #[test]
+    fn a_difference_is_red_above_zero_blue_below_and_white_between() {
+        let scale = Scale::fit_difference(ScaleKind::Linear, 100.0, &array![[-2.0, 0.0, 1.0]]);
+        assert_eq!(scale.high, 2.0);
+        let palette = Palette::of_files(&scale).lookup();
+        let [[b0, _, b2], white, [r0, _, r2]] = [-2.0, 0.0, 1.0].map(|value| palette(scale.shade(value)));
+        assert!(b2 > b0 + 50 && r0 > r2 + 50, "{b0} {b2} {r0} {r2}");
+        assert!(white.iter().all(|part| *part > 235), "{white:?}");
     }
 
     #[test]
