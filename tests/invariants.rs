@@ -772,7 +772,7 @@ fn values(detector: &nsq_gpu::result::Detector) -> Vec<f64> {
     use nsq_gpu::result::DetectorData;
     match &detector.data {
         DetectorData::Irradiance(map) => map.irradiance.iter().copied().collect(),
-        DetectorData::Spectral(map) => map.irradiance.iter().copied().collect(),
+        DetectorData::Spectral(map) => map.pixels.irradiance.iter().copied().collect(),
         DetectorData::FarField(map) => map.intensity.iter().copied().collect(),
         DetectorData::RayDatabase(rays) => rays.columns().unwrap().flux.to_vec(),
     }

@@ -232,7 +232,7 @@ fn maps_lie_as_the_tally_orders_them() {
     assert_eq!(map.y_coords.to_vec(), [-0.5, 0.5]);
     let DetectorData::Spectral(map) = &result.detector("colours").unwrap().data else { panic!("kind") };
     // Cell 3 of (1, 2, 2) is column 1, bin 1; a pixel is 1 mm by 2 mm.
-    assert_eq!(map.irradiance[[0, 1, 1]], 0.05);
+    assert_eq!(map.pixels.irradiance[[0, 1, 1]], 0.05);
     assert_eq!(map.spectrum.to_vec(), [0.0, 0.1]);
     assert_eq!(map.broadband()[[0, 1]], 0.05);
 }
@@ -488,9 +488,9 @@ fn maps_are_optilands() {
     assert_floats(&tap.x_coords, &oracle["tap"]["x_coords"], 0.0);
     assert_floats(&tap.y_coords, &oracle["tap"]["y_coords"], 0.0);
     let DetectorData::Spectral(spectral) = data("spectral") else { panic!("kind") };
-    assert_floats(&spectral.irradiance, &oracle["spectral"]["irradiance"], 1e-12);
-    assert_floats(&spectral.x_coords, &oracle["spectral"]["x_coords"], 0.0);
-    assert_floats(&spectral.y_coords, &oracle["spectral"]["y_coords"], 0.0);
+    assert_floats(&spectral.pixels.irradiance, &oracle["spectral"]["irradiance"], 1e-12);
+    assert_floats(&spectral.pixels.x_coords, &oracle["spectral"]["x_coords"], 0.0);
+    assert_floats(&spectral.pixels.y_coords, &oracle["spectral"]["y_coords"], 0.0);
     assert_floats(&spectral.wavelengths, &oracle["spectral"]["wavelengths"], 1e-15);
     let DetectorData::FarField(far) = data("far") else { panic!("kind") };
     assert_floats(&far.intensity, &oracle["far"]["intensity"], 1e-12);

@@ -121,7 +121,7 @@ fn powers_of_two_scale_every_map_exactly() {
 fn values(data: &DetectorData) -> Vec<f64> {
     match data {
         DetectorData::Irradiance(map) => map.irradiance.iter().copied().collect(),
-        DetectorData::Spectral(map) => map.irradiance.iter().copied().collect(),
+        DetectorData::Spectral(map) => map.pixels.irradiance.iter().copied().collect(),
         DetectorData::FarField(pattern) => pattern.intensity.iter().copied().collect(),
         DetectorData::RayDatabase(rows) => rows.columns().unwrap().flux.to_vec(),
     }

@@ -19,7 +19,7 @@ pub struct SimpleCoating {
     pub transmittance: Vec<f64>,
 }
 
-/// A coating by the cosine of the angle of incidence, linear in the cosine between those of the table.
+/// A coating by the cosine of the angle of incidence, linear in the cosine between the rows of the table.
 ///
 /// Where reflection is total, what the coating absorbs is 1 - R - T of the table, and the rest is reflected.
 #[derive(Debug, Clone, PartialEq)]

@@ -16,7 +16,7 @@ pub fn of_scene(ir: &SceneIr) -> u32 {
     twice.clamp(OPTILANDS, LIMIT)
 }
 
-/// The number to give where the depth limit takes light: that of the scene, or twice what was given.
+/// The number to give if the depth limit takes light: what the scene needs, or twice what was given.
 pub fn deeper(ir: &SceneIr, max_depth: u32) -> u32 {
     match of_scene(ir) {
         depth if depth > max_depth => depth,

@@ -3,7 +3,8 @@
 /// Makes three enums of a list of `Name(file::Type) by Function = WGSL, ...;`:
 /// - the enum of all kinds, which dereferences to what the kind's file says of it as a `dyn` of the trait,
 /// - the enum of the functions that the shaders call. A kind may have several functions, of which it picks one, or none,
-///   if it picks that of another kind. The code of a function in the shaders is its position in the list, unless `Function(code)` gives another one.
+///   if it picks the function of another kind. The code of a function in the shaders is its position in the list, unless
+///   `Function(code)` gives another one.
 /// - the enum `Written` of what scene files have, by the key `type`: each file's `Written`.
 ///
 /// The documentation of a kind is also its description in the schema of scene files.

@@ -214,8 +214,8 @@ pub struct Sampling {
     pub rr_start_flux: f64,
     /// A ray of fewer events than this is split at a refractive surface: both branches are followed. 0: never.
     pub split_depth: u32,
-    /// Most rays of one launched ray's family that are alive at a time, where the reflected branch is followed to its end
-    /// before the transmitted one; of a fraction, so large a share of the families may have one more.
+    /// Largest number of split rays alive at once for a launched ray; reflected branches are followed to their ends first.
+    /// A fraction, such as 4.3, allows a fifth ray in 30 % of the families.
     pub split_budget: f64,
 }
 

@@ -1,8 +1,8 @@
 //! Ids of rays: a launched ray has its place in the order of launch, its children by splitting have numbers beside it.
 //!
 //! `id = launched + number * 2^40`, where a launched ray has number 0. Where a ray is split it goes on as the reflected
-//! branch with its own id; the transmitted branch is a new ray, whose number is that of the ray that it comes from with
-//! bit `bounce` set, the number of events before the split. So an id tells a ray's lineage, and depends on nothing else.
+//! branch with its own id; the transmitted branch is a new ray. Its number is the parent's number with bit
+//! `bounce` set, the number of events before the split. So an id is a ray's lineage, and depends on nothing else.
 
 /// Bits of an id that hold the launched ray.
 const LAUNCHED_BITS: u32 = 40;
@@ -13,7 +13,7 @@ pub const MOST_LAUNCHED: u64 = 1 << LAUNCHED_BITS;
 /// Bits of the number: ids keep within the positive 64-bit integers.
 pub const NUMBER_BITS: u32 = 63 - LAUNCHED_BITS;
 
-/// Independent scrambles of Sobol's points, by which a trace tells its own error: the lowest bits of a launched ray's id
+/// Independent scrambles of Sobol's points, by which a trace estimates its own error: the lowest bits of a launched ray's id
 /// choose, so that every range of rays has its share of each. With more of them the error would be known better, and each
 /// would have fewer points to spread evenly.
 pub const NUM_REPLICATES: u32 = 16;

@@ -31,7 +31,7 @@ pub struct Disagreement {
     pub from: usize,
     /// The medium there.
     pub medium: MediumId,
-    /// The surface that is met, and the medium on this side of it; none where nothing is met.
+    /// The surface that is met, and the medium on this side of it; `None` if nothing is met.
     pub to: Option<(usize, MediumId)>,
 }
 
@@ -235,7 +235,7 @@ enum Next {
     Nothing,
     /// The side of a surface that borders on known media.
     Side(Side),
-    /// Something that does not tell which medium is before it.
+    /// Something that leaves open which medium is before it.
     Unknown,
 }
 
@@ -290,7 +290,7 @@ impl Ray {
         }
     }
 
-    /// Where the ray comes into the box of a primitive \[mm\]; none where it misses the box.
+    /// Where the ray comes into the box of a primitive \[mm\]; `None` if it misses the box.
     fn reaches(&self, ir: &SceneIr, (frame, shape): &(Frame, Shape)) -> Option<f64> {
         let Some(extent) = shape.extent(&ir.meshes) else { return Some(0.0) };
         let half = extent.reach_along(&frame.rotation) * (1.0 + 1e-9) + DVec3::splat(self.touch);

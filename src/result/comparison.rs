@@ -19,16 +19,16 @@ pub struct ResultComparison {
     pub agree: bool,
 }
 
-/// How far a detector of A is from that of the same name of B.
+/// How far a detector of A is from the detector of the same name of B.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct DetectorComparison {
     /// The name.
     pub name: String,
     /// The kind in A, or in B where A has none.
     pub kind: &'static str,
-    /// A's flux and B's \[W\], of a ray database that of all rows; none where it has no such detector.
+    /// A's flux and B's \[W\], of all rows of a ray database; `None` for the side that has no such detector.
     pub total_flux: [Option<f64>; 2],
-    /// The flux's difference; none where one side is missing.
+    /// The flux's difference; `None` if one side is missing.
     pub total: Option<Difference>,
     /// The map's differences; none for a ray database, or where the two have no map of the same cells.
     pub map: Option<MapComparison>,
@@ -64,7 +64,7 @@ pub struct MapComparison {
     pub limit: f64,
 }
 
-/// Fewer rays of a side are not normally distributed, and their own spread tells no error: none at all has none.
+/// The sum of fewer rays is not normally distributed, and their spread is no estimate of the error.
 const LEAST_HITS: u64 = 12;
 
 /// Compares results; a single number may be up to `limit` standard errors apart, the largest of many accordingly more.
@@ -158,8 +158,8 @@ struct Estimate {
     hits: u64,
     /// Mean flux of a launched ray \[W\].
     ray: f64,
-    /// Variance that is to be expected over that of hits of equal weight, where there are few hits: less than 1 where hits
-    /// leave a part of them in a cell, or where points are even.
+    /// Expected variance over the variance of hits of equal weight, where there are few hits. It is below 1 where a hit
+    /// leaves only a part in a cell, or where points are spread evenly.
     spread: f64,
 }
 
@@ -180,7 +180,7 @@ impl Estimate {
         self.hits >= LEAST_HITS
     }
 
-    /// Flux of a hit \[W\]; where too few tell, no less than that of a launched ray.
+    /// Mean flux of a hit \[W\]; of few hits, no less than the flux of a launched ray.
     fn flux_of_a_hit(&self) -> f64 {
         let mean = self.flux / self.hits.max(1) as f64;
         let flux = if self.has_many_hits() { mean } else { mean.max(self.ray) };
@@ -209,7 +209,7 @@ fn mean(sides: &[Estimate; 2]) -> f64 {
     sides.iter().map(hits).sum::<f64>() / sides.iter().map(hits_per_watt).sum::<f64>()
 }
 
-/// Of a ray database that of all rows: which are kept depends on the number of rays.
+/// The flux of a detector; of a ray database, the flux of all rows, because which rows are kept depends on the number of rays.
 fn total_flux(detector: &Detector) -> f64 {
     detector.data.result().recorded_flux().unwrap_or(detector.total_flux)
 }
@@ -244,7 +244,7 @@ impl<'a> Cells<'a> {
         })
     }
 
-    /// Variance of all cells with many hits over that of hits of equal weight; 1 where there are none.
+    /// Variance of all cells with many hits over the variance of hits of equal weight; 1 if there are no such cells.
     fn spread(&self) -> f64 {
         let sums = self.iter().filter(Estimate::has_many_hits).fold((0.0, 0.0), |(own, equal), cell| {
             (own + cell.own_error.powi(2), equal + cell.flux * cell.flux_of_a_hit())

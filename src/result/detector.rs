@@ -15,11 +15,9 @@ pub struct Detector {
     pub absorb: bool,
     /// Flux recorded \[W\]; of a ray database, of the rows kept.
     pub total_flux: f64,
-    /// Standard error of `total_flux` \[W\]; none where second moments were not summed, or where a ray database dropped
-    /// rows.
+    /// Standard error of `total_flux` \[W\]; `None` if second moments were not summed, or a ray database dropped rows.
     pub total_flux_standard_error: Option<f64>,
-    /// What is known of `total_flux` where it rests on few rays; none where it rests on enough, and where a ray database
-    /// dropped rows.
+    /// An upper bound of `total_flux` if it rests on few rays; `None` if it rests on enough, or a ray database dropped rows.
     pub few_rays: Option<FewRays>,
     /// What pictures are titled, where that is not the name: the path of light that it shows.
     pub title: Option<String>,
@@ -61,7 +59,7 @@ impl Detector {
         Detector::new(&Sums { detector, cells, rows: None, unit, uncertainty, wavelengths })
     }
 
-    /// Standard error of `total_flux` relative to it; none where there is no flux or no error.
+    /// Standard error of `total_flux` relative to it; `None` if there is no flux or no error.
     pub fn total_flux_relative_error(&self) -> Option<f64> {
         self.total_flux_standard_error.filter(|_| self.total_flux > 0.0).map(|error| error / self.total_flux)
     }

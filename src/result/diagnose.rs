@@ -13,7 +13,7 @@ const DEPTH_TRUNCATION: f64 = 1e-3;
 const ROULETTE: f64 = 1e-3;
 /// Optiland calls a detector undersampled below this mean number of hits per pixel.
 const UNDERSAMPLED_HITS: f64 = 10.0;
-/// Warn when the error of a map is above this: that of 10 hits in each pixel that is lit.
+/// Warn when the error of a map is above this: the error of 10 hits in each lit pixel.
 const UNDERSAMPLED_ERROR: f64 = 0.32;
 /// The warning says how many rays bring it to this.
 const GOOD_ERROR: f64 = 0.05;

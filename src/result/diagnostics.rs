@@ -1,4 +1,4 @@
-//! Signs that a result should be read with care: Optiland's figures, and those of the exact ledger.
+//! Signs that a result should be read with care: Optiland's figures, and figures of the exact ledger.
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -63,8 +63,8 @@ pub struct Diagnostics {
     pub stage_times: Vec<StageTime>,
     /// One sentence per finding, the gravest first.
     pub warnings: Vec<String>,
-    /// Those of `warnings` that say that numbers of the result are not what was asked for. The Python package gives them as
-    /// warnings of its own.
+    /// The part of `warnings` that says that numbers of the result are not what was asked for. The Python package gives
+    /// each as a warning of its own.
     #[serde(default)]
     pub grave: Vec<String>,
 }

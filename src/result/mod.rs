@@ -65,7 +65,7 @@ pub(crate) use crate::result::tally::check_shape;
 pub use crate::result::tally::{
     DetectorTally, FluxSum, Moments, PathEvent, PathEventKind, RayRow, SurfaceTally, Tally,
 };
-pub use crate::result::trace_result::{SurfaceResult, TraceResult};
+pub use crate::result::trace_result::{SurfaceKind, SurfaceResult, TraceResult};
 pub(crate) use crate::result::uncertainty::Uncertainty;
 
 /// Quanta in one unit of weight: 2^52, so that an f64 weight of order one is counted to its last bits.

@@ -170,7 +170,7 @@ impl ArrayWriter {
     }
 }
 
-/// An archive that could not be written. The first of all causes is told: what the system said.
+/// An archive that could not be written. The message is the first of all causes: what the system said.
 fn unwritten(path: &Path, error: &(dyn std::error::Error + 'static)) -> Error {
     let cause = std::iter::successors(Some(error), |error| error.source()).last().unwrap_or(error);
     Error::file(path, cause)

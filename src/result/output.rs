@@ -275,7 +275,7 @@ impl Before {
 
     /// Refuses to replace what is not of this result.
     fn check(&self, dir: &Path, names: &[String]) -> Result<()> {
-        // The report first: what it tells of the others counts only where it is as it was.
+        // The report first: its hashes of the other files count only where the report itself is unchanged.
         for name in names.iter().rev() {
             let path = dir.join(name);
             match path.symlink_metadata() {
@@ -383,7 +383,7 @@ fn is_like(_: &Path, _: &Path) -> bool {
     false
 }
 
-/// Names of the extended attributes of a folder; none if they cannot be told.
+/// Names of the extended attributes of a folder; `None` if they cannot be read.
 #[cfg(unix)]
 fn attributes(folder: &Path) -> Option<Vec<u8>> {
     #[cfg(any(target_os = "linux", target_os = "android", target_vendor = "apple"))]
@@ -489,7 +489,7 @@ fn relocate(error: Error, staged: &Path, dir: &Path) -> Error {
 /// A file name without extension per detector: its name where the file system can carry it, distinct even where upper
 /// and lower case are the same.
 pub(crate) fn file_stems<'a>(names: impl Iterator<Item = &'a str>) -> Vec<String> {
-    // Where case is no difference, neither is that of letters that only one case of has a letter of its own.
+    // Names are compared after upper- and then lower-casing, so that letters such as long s and s count as equal.
     let folded = |stem: &str| stem.to_uppercase().to_lowercase();
     let mut taken = HashSet::from(["ray_paths".to_string(), "gradients".to_string()]);
     let mut next_numbers: HashMap<String, u64> = HashMap::new();
@@ -525,7 +525,7 @@ fn safe_stem(name: &str) -> String {
 
 /// The text of a report that knows its files, and itself.
 fn sealed(mut report: Report, files: BTreeMap<String, FileHash>) -> String {
-    report.meta = Some(Meta { files, sha256: NO_HASH.into() });
+    report.set_meta(&Meta { files, sha256: NO_HASH.into() });
     let text = report.to_json();
     // Names of files and scenes stand before it, and might be zeros as well.
     let Some(place) = text.rfind(NO_HASH) else { return text };

@@ -1,7 +1,7 @@
 //! Light by its path: exact sums for each sequence of events.
 //!
 //! A table holds at most so many sequences. Where a trace has more of them, a pilot decides beforehand which of them have
-//! a row, and all other light is summed up by its end. So the sums of parts of a trace add up to those of the whole,
+//! a row, and all other light is summed up by its end. So the sums of parts of a trace add up to the sums of the whole,
 //! however the trace is cut.
 
 use crate::model::sequence::{End, Sequence};
@@ -29,9 +29,9 @@ pub struct PathTally {
     pub most_rows: u32,
     /// The rows, by sequence.
     pub rows: BTreeMap<Sequence, PathSum>,
-    /// True where there were more sequences than rows. Then those that the pilot chose have a row, and no others.
+    /// True if there were more sequences than rows. Then the sequences that the pilot chose have a row, and no others.
     pub is_closed: bool,
-    /// The sequences that the pilot chose, ascending; none where it was not needed yet.
+    /// The sequences that the pilot chose, ascending; `None` while no pilot was needed.
     pub chosen: Option<Vec<Sequence>>,
     /// Light without a row, by its end.
     pub other: BTreeMap<End, PathSum>,

@@ -313,7 +313,7 @@ impl LightPath {
 }
 
 impl PathTable {
-    /// The table of rows, with the light that has none: that of one detector, or all.
+    /// The table of rows, with the light that has no row: of one detector, or of all.
     pub fn new(
         ir: &SceneIr,
         sums: &PathTally,

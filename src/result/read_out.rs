@@ -5,8 +5,8 @@ use crate::model::{Interaction, SceneIr};
 use crate::result::detectors::Sums;
 use crate::result::uncertainty::worst_relative_error;
 use crate::result::{
-    Detector, Diagnostics, FluxUnit, Grouping, Ledger, PathTable, RayPaths, Recorded, RunInfo, SurfaceResult,
-    Tally, TraceResult, Uncertainty, check_shape, paths,
+    Detector, Diagnostics, FluxUnit, Grouping, Ledger, PathTable, RayPaths, Recorded, RunInfo, SurfaceKind,
+    SurfaceResult, Tally, TraceResult, Uncertainty, check_shape, paths,
 };
 
 impl TraceResult {
@@ -97,9 +97,9 @@ fn surfaces(ir: &SceneIr, tally: &Tally, unit: FluxUnit) -> Vec<SurfaceResult> {
         .map(|(index, (surface, sums))| SurfaceResult {
             name: ir.surface_name(index),
             kind: match surface.interaction {
-                Interaction::Refractive => "refractive",
-                Interaction::Reflective { .. } => "reflective",
-                Interaction::Absorbing => "absorbing",
+                Interaction::Refractive => SurfaceKind::Refractive,
+                Interaction::Reflective { .. } => SurfaceKind::Reflective,
+                Interaction::Absorbing => SurfaceKind::Absorbing,
             },
             reached: sums.reached,
             num_rays_absorbed: sums.absorbed.count,

@@ -5,21 +5,26 @@ use std::path::Path;
 
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
-use serde_json::Value;
+use serde_json::{Map, Value};
 
 use crate::error::{Error, Result};
 use crate::result::integrity::{self, Meta};
 use crate::result::output::REPORT;
+use crate::result::paths::OtherLight;
 use crate::result::stored::{Entry, Stored};
-use crate::result::{Detector, DetectorData, PathTable, Report, RunInfo, SurfaceResult, TraceResult, report};
+use crate::result::{Detector, DetectorData, LightPath, PathTable, RunInfo, TraceResult, report};
 
+/// What `report.json` has beside the fields of [`RunInfo`] and [`TraceResult`].
 #[derive(Deserialize)]
-struct SurfaceEntry {
-    name: String,
-    kind: String,
-    reached: bool,
-    num_rays_absorbed: u64,
-    total_flux_absorbed: f64,
+struct Rest {
+    schema: u32,
+    detectors: Map<String, Value>,
+    #[serde(default)]
+    paths: Option<Vec<LightPath>>,
+    #[serde(default)]
+    paths_without_row: Vec<OtherLight>,
+    #[serde(default)]
+    meta: Option<Meta>,
 }
 
 impl TraceResult {
@@ -41,102 +46,35 @@ impl TraceResult {
     }
 
     fn read_as(dir: &Path, path: &Path, text: &str) -> Result<TraceResult> {
-        let report: Report = parse(path, text)?;
-        if let Some(meta) = &report.meta {
+        let report: Value =
+            serde_json::from_str(text).map_err(|error| Error::file(path, format!("is damaged: {error}")))?;
+        let rest: Rest = typed(path, &report)?;
+        if let Some(meta) = &rest.meta {
             integrity::check_report(path, text, meta)?;
         }
-        if report.schema != report::SCHEMA {
-            let problem =
-                format!("has schema {}, this program reads schema {}", report.schema, report::SCHEMA);
+        if rest.schema != report::SCHEMA {
+            let problem = format!("has schema {}, this program reads schema {}", rest.schema, report::SCHEMA);
             return Err(Error::file(path, problem));
         }
-        let detectors = report
+        let mut result: TraceResult = typed(path, &report)?;
+        result.detectors = rest
             .detectors
             .iter()
-            .map(|(name, entry)| detector(dir, name, typed(path, entry)?, report.meta.as_ref()))
+            .map(|(name, entry)| detector(dir, name, typed(path, entry)?, rest.meta.as_ref()))
             .collect::<Result<_>>()?;
-        let surfaces =
-            report.surfaces.iter().map(|entry| surface(path, typed(path, entry)?)).collect::<Result<_>>()?;
-        Ok(assemble(report, detectors, surfaces))
+        result.run = RunInfo {
+            stage_times: result.diagnostics.stage_times.clone(),
+            is_unchecked: rest.meta.is_none(),
+            ..typed(path, &report)?
+        };
+        let other = rest.paths_without_row;
+        result.paths = rest.paths.map(|paths| PathTable { paths, other, ..Default::default() });
+        Ok(result)
     }
-}
-
-fn assemble(report: Report, detectors: Vec<Detector>, surfaces: Vec<SurfaceResult>) -> TraceResult {
-    TraceResult {
-        run: RunInfo {
-            scene: report.scene,
-            num_rays: report.num_rays_requested,
-            seed: report.seed,
-            max_depth: report.max_depth,
-            min_flux_fraction: report.min_flux_fraction,
-            precision: report.precision,
-            precision_reason: report.precision_reason,
-            precision_warning: None,
-            sampler: report.sampler,
-            adapter: report.adapter,
-            driver: report.driver,
-            trace_time_sec: report.trace_time_sec,
-            num_rays_before: report.num_rays_before,
-            first_rays_sec: report.first_rays_sec,
-            stage_times: report.diagnostics.stage_times.clone(),
-            scene_warnings: report.scene_warnings,
-            partial: report.partial,
-            stopped_by: report.stopped_by,
-            target_error: report.target_error,
-            filter: report.filter,
-            first_ray: report.first_ray,
-            of_rays: report.of_rays,
-            has_no_gpu: false,
-            is_unchecked: report.meta.is_none(),
-            program: report.program,
-            version: report.version,
-        },
-        detectors,
-        surfaces,
-        num_rays_total: report.num_rays_total,
-        num_rays_absorbed: report.num_rays_absorbed,
-        num_rays_escaped: report.num_rays_escaped,
-        num_rays_flux_killed: report.num_rays_flux_killed,
-        num_rays_depth_killed: report.num_rays_depth_killed,
-        total_flux_in: report.total_flux_in,
-        total_flux_detected: report.total_flux_detected,
-        total_flux_tapped: report.total_flux_tapped,
-        total_flux_absorbed: report.total_flux_absorbed,
-        total_flux_bulk_absorbed: report.total_flux_bulk_absorbed,
-        total_flux_escaped: report.total_flux_escaped,
-        total_flux_lost: report.total_flux_lost,
-        flux_conservation_error: report.flux_conservation_error,
-        relative_error: report.relative_error,
-        ledger: report.ledger,
-        diagnostics: report.diagnostics,
-        paths: report.paths.map(|paths| PathTable {
-            paths,
-            other: report.paths_without_row,
-            ..Default::default()
-        }),
-        gradients: report.gradients,
-        ray_paths: None,
-    }
-}
-
-fn parse<T: DeserializeOwned>(path: &Path, text: &str) -> Result<T> {
-    serde_json::from_str(text).map_err(|error| Error::file(path, format!("is damaged: {error}")))
 }
 
 fn typed<T: DeserializeOwned>(path: &Path, value: &Value) -> Result<T> {
-    T::deserialize(value).map_err(|error| Error::file(path, error))
-}
-
-fn surface(path: &Path, entry: SurfaceEntry) -> Result<SurfaceResult> {
-    const KINDS: [&str; 3] = ["refractive", "reflective", "absorbing"];
-    let kind = KINDS.into_iter().find(|kind| *kind == entry.kind);
-    Ok(SurfaceResult {
-        kind: kind.ok_or_else(|| Error::file(path, format!("no surface is of kind `{}`", entry.kind)))?,
-        name: entry.name,
-        reached: entry.reached,
-        num_rays_absorbed: entry.num_rays_absorbed,
-        total_flux_absorbed: entry.total_flux_absorbed,
-    })
+    T::deserialize(value).map_err(|error| Error::file(path, format!("is damaged: {error}")))
 }
 
 fn detector(dir: &Path, name: &str, entry: Entry, meta: Option<&Meta>) -> Result<Detector> {

@@ -171,7 +171,7 @@ impl Rows {
     /// Calls `take` with one word of all rows kept, a block at a time, in order.
     ///
     /// # Errors
-    /// As [`Rows::for_each`], and those of `take`.
+    /// As [`Rows::for_each`], and the errors of `take`.
     pub(crate) fn for_each_block(
         &self,
         word: usize,
@@ -355,7 +355,7 @@ impl Recording {
         Recording::new(ir, RowWriter::in_folder(folder, None), |keep| RowWriter::in_folder(folder, keep))
     }
 
-    /// Rows are counted alone, but for databases whose flux is that of their last rows: for a trace without files.
+    /// For a trace without files: rows are counted, and only databases with a limit keep their last rows, for their flux.
     pub fn counted(ir: &SceneIr) -> Self {
         let temporary = std::env::temp_dir();
         Recording::new(ir, RowWriter::nowhere(), |keep| match keep {

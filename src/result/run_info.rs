@@ -4,12 +4,13 @@ use crate::result::stopped_by::StoppedBy;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// How the trace was run.
-#[derive(Debug, Clone, PartialEq)]
+/// How the trace was run. `report.json` has its fields under the same names, but where another one is given.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RunInfo {
     /// Path of the scene file, if the scene came from one.
     pub scene: Option<String>,
     /// Rays that the trace was planned with.
+    #[serde(rename = "num_rays_requested")]
     pub num_rays: u64,
     /// Seed of the draws.
     pub seed: u64,
@@ -24,18 +25,22 @@ pub struct RunInfo {
     /// Why this arithmetic was taken; empty if nobody said.
     pub precision_reason: String,
     /// What to beware of in it.
+    #[serde(skip)]
     pub precision_warning: Option<String>,
     /// Name of the adapter.
     pub adapter: String,
     /// Its driver and version.
     pub driver: String,
-    /// Wall-clock time of the trace \[s\], without that of a trace that it went on from; 0 where nobody measured it.
+    /// Wall-clock time of the trace \[s\], without the time of a trace that it went on from; 0 if nobody measured it.
     pub trace_time_sec: f64,
     /// Rays of the trace that this one went on from.
+    #[serde(default)]
     pub num_rays_before: u64,
-    /// From the start of the command to the end of its first dispatch of rays \[s\]; none where nobody measured it.
+    /// From the start of the command to the end of its first dispatch of rays \[s\]; `None` if nobody measured it.
+    #[serde(default)]
     pub first_rays_sec: Option<f64>,
     /// What the stages took on the device, if they were timed.
+    #[serde(skip)]
     pub stage_times: Vec<StageTime>,
     /// What the scene's reader found worth a warning.
     pub scene_warnings: Vec<String>,
@@ -46,14 +51,17 @@ pub struct RunInfo {
     /// The target for the relative error, if there was one.
     pub target_error: Option<f64>,
     /// Maps have only the light whose path matches this expression, if there is one.
+    #[serde(default, rename = "where", skip_serializing_if = "Option::is_none")]
     pub filter: Option<String>,
     /// Number of the first ray.
     pub first_ray: u64,
     /// The rays are a part of a trace of so many, if they are.
     pub of_rays: Option<u64>,
     /// No GPU was found, so that a processor traced.
+    #[serde(skip)]
     pub has_no_gpu: bool,
     /// Read from files without hashes, as older versions wrote them: damage would not be noticed.
+    #[serde(skip)]
     pub is_unchecked: bool,
     /// Name of the program.
     pub program: String,

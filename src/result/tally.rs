@@ -305,7 +305,7 @@ impl DetectorTally {
         Brought { count, quanta, squares: (squares > 0).then_some(squares) }
     }
 
-    /// The quanta of each cell; of a detector without cells, those of all it recorded.
+    /// The quanta of each cell; of a detector without cells, the quanta of all that it recorded.
     pub(crate) fn quanta_of_cells(&self) -> Cow<'_, [u128]> {
         if self.quanta.is_empty() {
             Cow::Owned(vec![self.total().quanta])

@@ -1,4 +1,4 @@
-//! Whether sums are those of a scene. A file with the right checksum may hold anything.
+//! Checks that sums belong to a scene. A file with the right checksum may hold anything.
 
 use std::fmt::Display;
 

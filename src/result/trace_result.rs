@@ -1,13 +1,18 @@
 //! What users read of a trace, with Optiland's names and meanings.
 
+use serde::{Deserialize, Serialize};
+
 use crate::result::{Detector, Diagnostics, Gradient, Ledger, PathTable, RayPaths, RunInfo};
 
-/// The results of one trace. The flux fields and counts are those of Optiland's `SimulationResult`.
-#[derive(Debug, Clone, PartialEq)]
+/// The results of one trace. Fluxes and counts have the names and meanings of Optiland's `SimulationResult`.
+/// `report.json` has its fields under the same names.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TraceResult {
     /// How the trace was run.
+    #[serde(skip)]
     pub run: RunInfo,
     /// Detectors in scene order.
+    #[serde(skip)]
     pub detectors: Vec<Detector>,
     /// Surfaces in scene order.
     pub surfaces: Vec<SurfaceResult>,
@@ -21,8 +26,7 @@ pub struct TraceResult {
     pub num_rays_flux_killed: u64,
     /// Rays that reached the largest number of events.
     pub num_rays_depth_killed: u64,
-    /// Flux of all sources \[W\]. Of a partial trace, that of the rays launched, scaled as every flux is: as if all that
-    /// the sources emit had been shared among them.
+    /// Flux of all sources \[W\]. A partial trace shares all that the sources emit among the rays launched, for every flux.
     pub total_flux_in: f64,
     /// Sum over all detectors of what they read, transmissive ones included \[W\]. Of a ray database with `max_rays`
     /// it counts the rows that were kept, as Optiland does.
@@ -40,34 +44,47 @@ pub struct TraceResult {
     /// Optiland's figure: |in - (detected - tapped) - absorbed - bulk_absorbed - escaped - lost| / in. It has no bin
     /// for what mirrors take nor for weight gained and lost by sampling; [`Ledger`] has them all and closes.
     pub flux_conservation_error: f64,
-    /// The largest of all detectors' relative errors ([`crate::result::uncertainty::worst_relative_error`]); none where no detector was hit, or
-    /// second moments were not summed.
+    /// The largest of all detectors' relative errors ([`crate::result::uncertainty::worst_relative_error`]). `None` if no
+    /// detector was hit, or second moments were not summed.
     pub relative_error: Option<f64>,
     /// Where every quantum went.
     pub ledger: Ledger,
     /// Signs that the result should be read with care.
     pub diagnostics: Diagnostics,
     /// Light by its path, each sequence a row, if it was summed up so.
+    #[serde(skip)]
     pub paths: Option<PathTable>,
     /// Derivatives by parameters, if any were asked for.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub gradients: Vec<Gradient>,
     /// Recorded paths, if any.
+    #[serde(skip)]
     pub ray_paths: Option<RayPaths>,
 }
 
 /// What happened at one surface.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SurfaceResult {
     /// Optiland's label, such as `L1.front`; `component_3` if it has none.
     pub name: String,
-    /// `refractive`, `reflective` or `absorbing`.
-    pub kind: &'static str,
+    /// What the surface does to rays.
+    pub kind: SurfaceKind,
     /// True if some ray hit it.
     pub reached: bool,
     /// Rays that ended there (absorbing), or events with a loss (reflective).
     pub num_rays_absorbed: u64,
     /// Flux left there \[W\].
     pub total_flux_absorbed: f64,
+}
+
+/// What a surface does to rays.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+#[allow(missing_docs, reason = "the names say it")]
+pub enum SurfaceKind {
+    Refractive,
+    Reflective,
+    Absorbing,
 }
 
 impl TraceResult {

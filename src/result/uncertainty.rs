@@ -1,7 +1,7 @@
 //! Standard errors, from the first and second moments over primary rays.
 //!
 //! The rays of a source are independent draws of one distribution; so the variance of a sum over n of them is estimated
-//! without bias by n/(n-1) (Q - S^2/n), where S is the sum of the rays' contributions and Q that of their squares. A
+//! without bias by n/(n-1) (Q - S^2/n), where S is the sum of the rays' contributions and Q the sum of their squares. A
 //! contribution is all that one primary ray leaves in the cell, however often it comes by.
 //!
 //! Sobol's points are no independent draws. Their error is that between R independent scrambles of them, each with its share
@@ -36,8 +36,8 @@ fn variance(num_rays: u64, moments: Moments) -> f64 {
     (squares - sum * (sum / n)).max(0.0) * (n / (n - 1.0))
 }
 
-/// Standard error of a sum from those of its independent replicates, in quanta: `sums` over `num_rays` rays each; NaN where a
-/// replicate has no ray.
+/// Standard error of a sum by the spread of its independent replicates, in quanta: `sums` over `num_rays` rays each. NaN if
+/// a replicate has no ray.
 fn replicates_error(sums: impl Iterator<Item = u128> + Clone, num_rays: &[u64]) -> f64 {
     let sum: u128 = sums.clone().sum();
     let all = num_rays.iter().copied().map(u128::from).sum::<u128>();
@@ -89,11 +89,11 @@ impl Uncertainty {
         }
     }
 
-    /// Standard error of the flux in each cell \[W\]; none where second moments were not summed. The sources are pooled:
-    /// where they light a cell unequally, the error is too large, by a factor of at most 1/sqrt(1 - p) where p is the
-    /// largest share of a source's rays that comes by the cell; it is never too small.
+    /// Standard error of each cell \[W\], divided by the cell's size: area, or solid angle. `None` if second moments were
+    /// not summed.
     ///
-    /// Each is divided by the size of its cell: area, or solid angle.
+    /// The sources are pooled. Where they light a cell unequally, the error is too large by a factor of at most
+    /// 1/sqrt(1 - p), and never too small. p is the largest share of a source's rays that comes by the cell.
     pub(crate) fn of_cells(&self, sums: &DetectorTally, size: impl Fn(usize) -> f64) -> Option<Vec<f64>> {
         if !Uncertainty::knows_cells(sums) {
             return None;
@@ -108,7 +108,7 @@ impl Uncertainty {
         Some(errors)
     }
 
-    /// The error of a detector's map; none of a dark one, of a ray database, and where nothing tells the errors of cells.
+    /// The error of a detector's map. `None` for a dark map, for a ray database, and where errors of cells are unknown.
     pub(crate) fn of_map(&self, sums: &DetectorTally) -> Option<MapError> {
         Uncertainty::knows_cells(sums)
             .then(|| MapError::new(sums, self.unit, |cell| self.of_cell(sums, cell)))?
@@ -124,7 +124,7 @@ impl Uncertainty {
         MapError::new(sums, self.unit, error)
     }
 
-    /// True if the tally tells errors of the cells.
+    /// True if the tally has what errors of cells follow from.
     fn knows_cells(sums: &DetectorTally) -> bool {
         let has_squares = sums.squares.len() == sums.quanta.len() && !sums.totals.is_empty();
         has_squares || !sums.replicates.is_empty()
@@ -179,8 +179,8 @@ impl Uncertainty {
 /// The error of a detector's map, and what more rays would make of it.
 ///
 /// Where cells have many hits, their standard errors grow with the root of the rays, and the map's error falls with it.
-/// Where they have few, more rays find more cells: the error hardly falls until most cells are found. How many there are
-/// is told by how many were hit once and twice (Chao's estimate).
+/// Where they have few, more rays find more cells: the error hardly falls until most cells are found. Their
+/// number follows from the numbers of cells that were hit once and twice (Chao's estimate).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct MapError {
     /// Sum over cells of their values.
@@ -194,7 +194,7 @@ pub(crate) struct MapError {
 }
 
 impl MapError {
-    /// Of fewer hits, the root tells too little of the root of the hits that are expected.
+    /// The root of fewer hits is a poor estimate of the root of the hits that are expected.
     const MANY_HITS: u64 = 8;
 
     fn new(sums: &DetectorTally, unit: FluxUnit, error: impl Fn(usize) -> f64) -> Option<Self> {
@@ -229,7 +229,7 @@ impl MapError {
         (self.of_many * factor.sqrt() + self.of_few * of_few) / (self.value * factor)
     }
 
-    /// So many times as many rays bring the error to `target`; 1 where it is there, none where nothing can be said.
+    /// By what factor the number of rays must grow to bring the error to `target`; 1 if it is there, `None` if that is unknown.
     pub(crate) fn factor_to(&self, target: f64) -> Option<f64> {
         const MOST_DOUBLINGS: f64 = 64.0;
         const BISECTIONS: u32 = 50;
@@ -277,15 +277,14 @@ impl Errors {
         Errors(errors.collect())
     }
 
-    /// The largest of all: for each detector, that of its map and that of its flux. None where no detector was hit; NaN
-    /// where an error is not known.
+    /// The largest relative error of any detector's map or flux. `None` if no detector was hit; NaN if an error is not known.
     pub(crate) fn worst(&self) -> Option<f64> {
         let all = self.0.iter().flat_map(|error| [error.map.map(|map| map.relative()), Some(error.flux)]);
         // NaN is the largest of all.
         all.flatten().max_by(f64::total_cmp)
     }
 
-    /// So many times as many rays bring all of them to `target`; none where nothing can be said, as from few rays.
+    /// By what factor the number of rays must grow to bring all errors to `target`; `None` if that is unknown, as from few rays.
     pub(crate) fn factor_to(&self, target: f64) -> Option<f64> {
         if self.0.iter().any(|error| error.is_of_few) {
             return None;
@@ -299,8 +298,8 @@ impl Errors {
     }
 }
 
-/// The largest of all detectors' relative errors: for each, that of its map, the sum of its cells' standard errors over
-/// the sum of their values, and that of its flux. None where no detector was hit; NaN where an error is not known.
+/// The largest relative error of any detector's map or flux. The error of a map is the sum of its cells' standard errors
+/// over the sum of their values. `None` if no detector was hit; NaN if an error is not known.
 pub fn worst_relative_error(ir: &SceneIr, tally: &Tally) -> Option<f64> {
     Errors::of(ir, tally).worst()
 }
@@ -364,7 +363,7 @@ mod tests {
         assert_eq!(error(&[1.0, 3.0], &[1.0, 1.0], &[2.0, 1.0]), Some(0.6));
         // A tap of 1e-20 of the peak, whose error is a million times its value, is nothing.
         assert_eq!(error(&[1.0, 1e-20], &[0.01, 1e-14], &[1.0; 2]), Some(0.01 + 1e-14));
-        // A dark cell has no error; that of a cell without weight does not count.
+        // A dark cell has no error, and the error of a cell without weight does not count.
         assert_eq!(error(&[0.0], &[1.0], &[1.0]), None);
     }
 

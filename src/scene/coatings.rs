@@ -9,7 +9,7 @@ use crate::{Error, Result};
 
 /// R + T may exceed 1 by the rounding of decimal fractions.
 const ROUNDING: f64 = 1e-12;
-/// Cosines of neighbouring angles differ by so much at least: f32 tells them apart.
+/// Cosines of neighbouring angles differ by so much at least, so that they differ in f32.
 const LEAST_STEP: f64 = 1e-6;
 /// Most angles of a table.
 const MAX_ANGLES: usize = 1 << 16;

@@ -55,8 +55,8 @@ fn warnings_near(
     warnings
 }
 
-/// A source that lies in a refracting face leaves it on the side that the source shines to: in the medium there. One that
-/// shines to both sides of a face is told too: half of its light begins where it was hardly meant to.
+/// A source that lies in a refracting face leaves it on the side that the source shines to: in the medium there. A
+/// source that shines to both sides of a face has a warning too: half of its light begins where it was hardly meant to.
 fn births_in_faces(
     source: &Source,
     surfaces: &[SceneSurface],
@@ -133,8 +133,8 @@ fn hidden_detectors(
     warnings
 }
 
-/// Absorbers that coincide with a surface of another kind: the first in the list is met. `others` are those of another
-/// kind.
+/// Absorbers that coincide with a surface of another kind: the first in the list is met. `others` are the
+/// surfaces of another kind.
 fn absorbers_in_surfaces(surfaces: &[SceneSurface], faces: &[Face<'_>], others: &Near) -> Vec<String> {
     let mut warnings = Vec::new();
     let all = surfaces.iter().enumerate();
@@ -223,7 +223,7 @@ impl<'a> Face<'a> {
         }
     }
 
-    /// A box that meets those of all faces that coincide with this one: of a curved one, it is about its origin alone.
+    /// A box that meets the boxes of all faces that coincide with this one; of a curved face, a box around its origin alone.
     fn bounds(&self) -> Aabb {
         match self {
             Face::Flat(flat) => flat.bounds(),
@@ -516,10 +516,10 @@ mod tests {
         }
     }
 
-    /// What boxes leave out would not have been told.
+    /// Faces that boxes leave out would give no warning.
     #[test]
     fn boxes_change_no_warning() {
-        let mut num_told = 0;
+        let mut num_warnings = 0;
         for seed in 0..3000 {
             let mut draws = Draws(seed);
             let far = *draws.of(&[0.0, 0.0, 1e3, -1e9, 9e11]);
@@ -528,12 +528,12 @@ mod tests {
             let sources = ["S", "T"].map(|name| source(name, draws.cs(far))).to_vec();
             let detectors = ["D", "E", "F"].map(|name| detector(name, draws.cs(far))).to_vec();
             let Scene { file, surfaces, meshes, media, .. } = scene(surfaces, sources, detectors);
-            let told = |near| warnings_near(&file, &surfaces, &meshes, &media, near);
-            let found = told(Near::of);
-            assert_eq!(found, told(Near::everything), "{seed}");
-            num_told += found.len();
+            let warn = |near| warnings_near(&file, &surfaces, &meshes, &media, near);
+            let found = warn(Near::of);
+            assert_eq!(found, warn(Near::everything), "{seed}");
+            num_warnings += found.len();
         }
-        assert!(num_told > 5_000, "{num_told}");
+        assert!(num_warnings > 5_000, "{num_warnings}");
     }
 
     /// The time of a check grows with the surfaces, not with their square.

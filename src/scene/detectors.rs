@@ -1,4 +1,4 @@
-//! Detectors as scene files give them -> those of the model.
+//! Detectors of scene files -> detectors of the model.
 
 use crate::model::Detector;
 use crate::scene::frame::frame_of;

@@ -1,8 +1,8 @@
 //! Elements: what moves as one. `L4.y` decentres all faces of L4 with its edge and its mount, and `gap_3` moves whatever
 //! stands behind the third element.
 //!
-//! A block `nsq_gpu` lists elements. The frame of one is that of its first face, at the pivot where one is stated. A number
-//! of it is set by moving all of its entries rigidly: from the frame as the file has it to the frame with that number.
+//! A block `nsq_gpu` lists elements. An element has the frame of its first face, at the pivot if one is
+//! stated. A number of it is set by moving all of its entries rigidly: from the file's frame to the frame with that number.
 //! A name that moves no angle adds to positions, which keeps every digit of a frame that is not moved. A turned entry
 //! stands in the element's new frame (`reference_cs`), as people would write it.
 

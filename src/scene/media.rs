@@ -126,7 +126,7 @@ fn from_block(name: &str, described: &Described, wavelengths: &[f64]) -> Result<
 /// Indices of neighbours in a table that differ by more than this say little of what lies between.
 const COARSE: f64 = 1e-3;
 
-/// n and k of a table at the wavelengths of the scene \[um\], linear between those of the table, as Optiland has tables.
+/// n and k of a table at the wavelengths of the scene \[um\], linear between the wavelengths of the table, as Optiland has tables.
 /// A list that is missing is 0. Beside them stands where the table is coarse.
 fn interpolated(
     place: &str,

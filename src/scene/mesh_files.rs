@@ -140,7 +140,7 @@ fn binary_stl(bytes: &[u8]) -> Checked<MeshFile> {
             let word = [triangle[4 * i], triangle[4 * i + 1], triangle[4 * i + 2], triangle[4 * i + 3]];
             f64::from(f32::from_le_bytes(word))
         };
-        // The first three numbers are the normal, which the corners tell better.
+        // The first three numbers are the normal, which follows from the corners with more digits.
         let mut corners = [DVec3::ZERO; 3];
         for (corner, first) in corners.iter_mut().zip([3, 6, 9]) {
             *corner = corner_of([0, 1, 2].map(|axis| coordinate(first + axis)))
@@ -152,7 +152,7 @@ fn binary_stl(bytes: &[u8]) -> Checked<MeshFile> {
 }
 
 /// Words count, in upper or lower case, and not how lines hold them; `end loop` is `endloop`. A name ends with its line, and so
-/// does a normal, which the corners tell better.
+/// does a normal, which is not read: it follows from the corners with more digits.
 fn ascii_stl(text: &str) -> Checked<MeshFile> {
     let mut soup = Soup::default();
     let mut corners = Vec::new();
@@ -215,7 +215,7 @@ fn corner_at(numbers: &[f64], index: usize) -> Checked<DVec3> {
     corner_of(numbers).map_err(|problem| at_line(index, problem))
 }
 
-/// Faces may stand before their vertices; those of more than three corners are cut into a fan.
+/// Faces may stand before their vertices; faces of more than three corners are cut into a fan.
 fn obj(text: &str) -> Checked<MeshFile> {
     let mut mesh = Mesh::default();
     let mut faces = Vec::new();

@@ -295,7 +295,7 @@ impl Solid {
     }
 }
 
-/// Parts of a closed mesh that hold a negative volume: all whose box is not within that of a part that holds a positive one.
+/// Parts of a closed mesh that hold a negative volume, if no part of positive volume has them in its box.
 fn parts_inside_out(mesh: &Mesh) -> usize {
     struct Part {
         volume: f64,

@@ -169,7 +169,7 @@ impl Scene {
         [&self.warnings, of_f32].concat()
     }
 
-    /// A path that the scene names, such as that of a mesh.
+    /// A path that the scene names, such as the file of a mesh.
     pub fn resolve(&self, named: &str) -> PathBuf {
         self.folder.join(named)
     }
@@ -182,7 +182,7 @@ pub fn schema() -> Value {
     schema
 }
 
-/// The descriptions are those of the code's documentation, where brackets are escaped.
+/// The descriptions come from the code's documentation, where brackets are escaped.
 fn unescape(schema: &mut Value) {
     match schema {
         Value::String(text) => *text = text.replace("\\[", "[").replace("\\]", "]"),

@@ -1,7 +1,7 @@
 //! The numbers of a scene by their names, such as `L1.r1`, `L2.z`, `L1.front.reflectance`, `lamp.total_flux`,
 //! `screen.width` or `glass.n`.
 //!
-//! A name begins with that of a component, a surface, a source, a detector or a medium. It ends with a key of that
+//! A name begins with the name of a component, a surface, a source, a detector or a medium. It ends with a key of this
 //! entry, as the scene file has it; keys of objects within it follow each other: `mirror.reflectance.values.0`. Of a list follow
 //! the places of the number, from 0 on: `asphere.coefficients.1`. Names with dots are quoted: `"a.b".r1`.
 //!
@@ -72,7 +72,7 @@ pub(super) fn set_all(tree: &mut Value, numbers: &[(String, f64)]) -> Result<()>
             return Err(Error::Usage(format!("{} is set twice; set it once", ticked(name))));
         }
     }
-    // Elements move by how far their numbers are from those of the file, whatever else is set.
+    // Elements move by how far their numbers are from the file's, whatever else is set.
     let motions = elements.motions(tree, &moves)?;
     for (place, name, number) in &places {
         set(tree, place, name, number)?;
@@ -184,7 +184,7 @@ fn find(tree: &Value, elements: &Elements, name: &str) -> Result<Found> {
             inner.into_iter().chain(keys[..num_keys - 1].iter().map(|name| key(name))).collect()
         };
         let mut objects: Vec<Vec<Step>> = ways.iter().map(object).collect();
-        // Entries of one name are told apart by the key. Every frame has all of its keys, and a configuration could have one.
+        // The key distinguishes entries of one name. Every frame has all of its keys, and a configuration could have one.
         let ends_in = |object: &Vec<Step>, end: &str| object.last() == Some(&key(end));
         let has = |object: &Vec<Step>| {
             FRAME.contains(&last.as_str()) && ends_in(object, "cs")

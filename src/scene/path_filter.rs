@@ -5,8 +5,8 @@
 //! factor     = "not" factor | "(" expression ")" | count comparison number | question "(" NAME ")" | sequence("...")
 //! ```
 //!
-//! A name is that of a surface, such as `L1.front`, or of a component, which stands for all its surfaces. Names that are
-//! no plain words are quoted, and `*` stands for any characters in quotes.
+//! A name stands for a surface, such as `L1.front`, or for a component with all its surfaces. Names that are no plain
+//! words are quoted, and `*` stands for any characters in quotes.
 
 use crate::error::{Error, Result};
 use crate::model::path_filter::{

@@ -161,7 +161,7 @@ impl Finish<'_> {
         })
     }
 
-    /// A mirror's reflectance is given as such, or as that of a coating; the component's own comes last.
+    /// A mirror's reflectance is given as such, or by a coating; the component's own comes last.
     fn mirror_reflectance(&self, place: &str, wavelengths: &[f64]) -> Result<Vec<f64>> {
         let coating_place = key_of(place, "coating");
         if self.reflectance.is_some() && self.coating.is_some() {

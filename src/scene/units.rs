@@ -31,7 +31,7 @@ const DEGREES: [(&str, f64); 4] = [("deg", 1.0), ("°", 1.0), ("arcmin", 60.0), 
 /// Units of angles, and how many of each are a radian.
 const RADIANS: [(&str, f64); 3] = [("rad", 1.0), ("mrad", 1e3), ("urad", 1e6)];
 
-/// Keys of lengths, beside those of frames and those that end in `radius`.
+/// Keys of lengths, beside the keys of frames and keys that end in `radius`.
 const LENGTH_KEYS: [&str; 14] = [
     "thickness",
     "thickness1",

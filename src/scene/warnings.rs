@@ -1,4 +1,4 @@
-//! What a scene may say without its user meaning it: it is traced as it is written, and told.
+//! What a scene may say without its user meaning it: it is traced as it is written, with a warning.
 
 use std::collections::{HashMap, HashSet};
 

@@ -51,7 +51,7 @@ pub struct Labels {
 /// A cell: row and column.
 pub type Cell = (usize, usize);
 
-/// The standard errors of a result; if it has none, those of equal deposits.
+/// The standard errors of a result; if it has none, the errors of equal deposits.
 fn sigma_of(errors: Option<&Array2<f64>>, values: &Array2<f64>, hits: &Array2<u64>) -> Array2<f64> {
     // An error of 0 means that no ray came, and says nothing.
     let known = |error: f64| if error > 0.0 { error } else { f64::NAN };
@@ -102,14 +102,16 @@ impl Field {
 
     /// Irradiance over x and y: the sum over the wavelength bins, each bin times its weight.
     pub fn of_spectral(map: &SpectralMap, weights: &[f64]) -> Field {
-        let (rows, columns, _) = map.irradiance.dim();
+        let pixels = &map.pixels;
+        let (rows, columns, _) = pixels.irradiance.dim();
         let (mut values, mut variance) =
             (Array2::zeros((rows, columns)), Array2::<f64>::zeros((rows, columns)));
         let mut all_hits = Array2::zeros((rows, columns));
         for (bin, &weight) in weights.iter().enumerate().filter(|(_, weight)| **weight != 0.0) {
             let (irradiance, hits) =
-                (map.irradiance.index_axis(Axis(2), bin), map.hits.index_axis(Axis(2), bin));
-            let errors = map.standard_error.as_ref().map(|errors| errors.index_axis(Axis(2), bin).to_owned());
+                (pixels.irradiance.index_axis(Axis(2), bin), pixels.hits.index_axis(Axis(2), bin));
+            let errors =
+                pixels.standard_error.as_ref().map(|errors| errors.index_axis(Axis(2), bin).to_owned());
             let sigma = sigma_of(errors.as_ref(), &irradiance.to_owned(), &hits.to_owned());
             let sums = values.iter_mut().zip(&mut variance).zip(&mut all_hits);
             for ((((value, variance), all_hits), (&irradiance, &hits)), &sigma) in
@@ -122,7 +124,7 @@ impl Field {
             }
         }
         let sigma = variance.mapv(|variance| if variance > 0.0 { variance.sqrt() } else { f64::NAN });
-        Field { sigma, ..Field::over_pixels((map.width, map.height), values, all_hits) }
+        Field { sigma, ..Field::over_pixels((pixels.width, pixels.height), values, all_hits) }
     }
 
     fn over_pixels((width, height): (f64, f64), values: Array2<f64>, hits: Array2<u64>) -> Field {

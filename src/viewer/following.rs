@@ -106,7 +106,7 @@ impl Followed {
     }
 }
 
-/// Traces a scene, and sums up light by its path. The rays are those of the trace whose maps the window shows.
+/// Traces a scene, and sums up light by its path. It launches the rays of the trace whose maps the window shows.
 pub(crate) fn follow(
     device: &Device,
     scene: &Arc<LoadedScene>,
@@ -239,8 +239,8 @@ pub struct LightRays {
     pub num_searched: u64,
 }
 
-/// Finds rays whose light on a detector one of the expressions keeps. A ray database in the detector's place tells which
-/// of the recorded rays these are.
+/// Finds rays whose light on a detector one of the expressions keeps. A ray database in the detector's place records
+/// which rays these are.
 pub(crate) fn find_rays(
     device: &Device,
     followed: &Followed,

@@ -34,7 +34,7 @@ pub struct Context {
     pub notify: Notify,
 }
 
-/// The rays of the side view, where those of some paths are asked for.
+/// The rays of the side view, if the user asked for the rays of some paths.
 pub enum Rays {
     /// They are being looked for.
     Searching,
@@ -414,7 +414,7 @@ impl Light {
                     filters.map(|filter| format!("({filter})")).collect::<Vec<_>>()
                 };
                 let (ticked, others) = (of_rows(true), of_rows(false));
-                // Only what is not ticked tells the rest.
+                // The rest is known only as what the rows without a tick leave.
                 let is_by_others = self.rest_is_ticked || (listing.rest().is_none() && others.len() <= room);
                 match (is_by_others, others.len()) {
                     (true, 0) => vec!["events >= 0".into()],

@@ -75,7 +75,7 @@ pub fn open(title: &str, size: (f32, f32), waker: &Waker, app: App) -> Result<()
     let options = eframe::NativeOptions { viewport, dithering: RENDERER.dithering, ..Default::default() };
     let waker = waker.clone();
     let create = move |context: &eframe::CreationContext<'_>| -> Created {
-        // A waker has one window, because a second one could not be told apart.
+        // A waker wakes one window: it could not distinguish a second one.
         let _ = waker.0.set(context.egui_ctx.clone());
         Ok(Box::new(app))
     };

@@ -455,7 +455,7 @@ impl Model {
         self.scene.as_ref()?.ir.detectors.iter().position(|detector| detector.name == *name)
     }
 
-    /// The number of the detector whose light is listed: in the side view, that of the last one that was shown.
+    /// The number of the detector whose light is listed: in the side view, of the last detector that was shown.
     fn listed_detector(&self) -> Option<usize> {
         let last = || self.light.listing().map(|listing| listing.detector);
         self.shown_detector().or_else(last).or(Some(0))

@@ -19,7 +19,7 @@ pub struct Region {
 pub enum Outline {
     /// A rectangle with its sides along the axes.
     Rectangle,
-    /// An ellipse with its axes along those of the plot.
+    /// An ellipse with its axes along the axes of the plot.
     Ellipse,
 }
 

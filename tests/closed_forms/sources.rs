@@ -241,7 +241,7 @@ fn wavelengths_are_drawn_by_weight_and_land_in_their_bins() {
             .source("point", at(0.0, 0.0, 0.0), json!({ "half_angle_deg": 1.0, "spectrum": spectrum }))
             .detector("spectral", "spectrometer", at(0.0, 0.0, 1.0), grid);
         let result = bench.trace(&tier, MILLION);
-        let counts: Vec<u64> = spectral(&result, "spectrometer").hits.iter().copied().collect();
+        let counts: Vec<u64> = spectral(&result, "spectrometer").pixels.hits.iter().copied().collect();
         assert_eq!([counts[1], counts[3]], [0, 0], "no wavelength lies in [0.45, 0.5) nor in [0.55, 0.6)");
         // 0.5 is the upper bin's edge; rounded as linspace rounds it, the edge is 0.5 itself.
         let drawn = [counts[0], counts[2], counts[4], counts[5]];

@@ -3,7 +3,7 @@
 use crate::bench::root;
 use crate::checks::Outcome;
 use nsq_gpu::TraceResult;
-use nsq_gpu::result::{Detector, DetectorData, RayDatabase};
+use nsq_gpu::result::{Detector, DetectorData, RayDatabase, SurfaceKind};
 use serde_json::Value;
 
 /// Largest difference of a bin, in units of the map's peak; also of a total, in units of the flux launched.
@@ -102,7 +102,7 @@ impl Oracle {
     }
 
     fn compare_absorbers(&self, result: &TraceResult) -> Outcome {
-        for surface in result.surfaces.iter().filter(|surface| surface.kind == "absorbing") {
+        for surface in result.surfaces.iter().filter(|surface| surface.kind == SurfaceKind::Absorbing) {
             let theirs = &self.0["absorbers"][&surface.name];
             equal(&surface.name, Some(surface.num_rays_absorbed), theirs["num_rays"].as_u64())?;
             let flux = theirs["flux"].as_f64().unwrap();
@@ -173,6 +173,7 @@ fn map_of(data: &DetectorData) -> (Vec<f64>, Vec<usize>) {
             (map.irradiance.iter().copied().collect(), map.irradiance.shape().to_vec())
         }
         DetectorData::Spectral(map) => {
+            let map = &map.pixels;
             (map.irradiance.iter().copied().collect(), map.irradiance.shape().to_vec())
         }
         DetectorData::FarField(map) => {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt::Debug;
 
 use nsq_gpu::TraceResult;
-use nsq_gpu::result::{Detector, DetectorData, DetectorDiagnostic, RayDatabase};
+use nsq_gpu::result::{Detector, DetectorData, DetectorDiagnostic, RayDatabase, SurfaceKind};
 
 use crate::oracle::{Body, Digest, MapDigest, Oracle, OracleDetectorDiagnostic, RowsDigest, Totals};
 
@@ -83,7 +83,7 @@ impl Agreement {
 
     fn absorbers(&mut self, ours: &TraceResult, theirs: &Oracle) {
         let mut sums: BTreeMap<&str, (u64, f64)> = BTreeMap::new();
-        for surface in ours.surfaces.iter().filter(|surface| surface.kind == "absorbing") {
+        for surface in ours.surfaces.iter().filter(|surface| surface.kind == SurfaceKind::Absorbing) {
             let sum = sums.entry(&surface.name).or_default();
             *sum = (sum.0 + surface.num_rays_absorbed, sum.1 + surface.total_flux_absorbed);
         }
@@ -261,11 +261,11 @@ impl MapView {
                 vec![("x_coords", ends(&map.x_coords)), ("y_coords", ends(&map.y_coords))],
             ),
             DetectorData::Spectral(map) => (
-                map.irradiance.shape().to_vec(),
-                map.irradiance.iter().copied().collect(),
+                map.pixels.irradiance.shape().to_vec(),
+                map.pixels.irradiance.iter().copied().collect(),
                 vec![
-                    ("x_coords", ends(&map.x_coords)),
-                    ("y_coords", ends(&map.y_coords)),
+                    ("x_coords", ends(&map.pixels.x_coords)),
+                    ("y_coords", ends(&map.pixels.y_coords)),
                     ("wavelengths", ends(&map.wavelengths)),
                 ],
             ),

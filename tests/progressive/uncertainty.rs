@@ -32,6 +32,7 @@ fn cells(result: &TraceResult, detector: usize) -> Vec<(f64, f64, u64)> {
             zip(&mut map.irradiance.iter().copied(), errors, map.hits.iter().copied().collect())
         }
         DetectorData::Spectral(map) => {
+            let map = &map.pixels;
             let errors = map.standard_error.as_ref().unwrap().iter().copied().collect();
             zip(&mut map.irradiance.iter().copied(), errors, map.hits.iter().copied().collect())
         }

@@ -1,6 +1,6 @@
 //! BSDFs, the laws by which surfaces scatter: the list of them, and what each must say of itself.
 //!
-//! Each BSDF stands in one file here, and its function in one file of shaders/bsdfs/. docs/adding-a-kind.md tells how to
+//! Each BSDF stands in one file here, and its function in one file of shaders/bsdfs/. docs/adding-a-kind.md says how to
 //! add one.
 
 pub mod harvey_shack;

@@ -60,7 +60,7 @@ mod tests {
     use crate::{Scene, TraceOptions, Tracer};
 
     /// A slanted wall of cat's eyes, a beam towards it, and a detector behind the source. Beside the wall stands matt
-    /// paint, which no ray meets: the shader has to tell the two apart.
+    /// paint, which no ray meets: the shader has to distinguish the two.
     fn scene(share: &str) -> crate::Result<Scene> {
         let wall = |name: &str, x: f64, bsdf: &str| {
             format!(

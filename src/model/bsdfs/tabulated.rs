@@ -262,7 +262,7 @@ fn parse(place: &str, text: &str) -> Result<BsdfTable> {
     gridded(place, &values)
 }
 
-/// An angle from 0 to 90 degrees by its bits, whose order is that of the numbers.
+/// An angle from 0 to 90 degrees by its bits, which are ordered as the angles are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct Angle(u64);
 

@@ -1,7 +1,7 @@
 //! Detectors: the list of them, and what each must say of itself.
 //!
 //! Each detector stands in one file here, its function in one file of shaders/detectors/, and its result in one file of
-//! src/result/detectors/. docs/adding-a-kind.md tells how to add one. A detector is the plane z = 0 of its own frame.
+//! src/result/detectors/. docs/adding-a-kind.md says how to add one. A detector is the plane z = 0 of its own frame.
 //! Lengths are in mm, angles in rad.
 
 pub mod far_field;
@@ -85,7 +85,7 @@ pub struct DetectorWgsl {
 pub enum Records {
     /// Sums alone.
     Cells,
-    /// Sums, of a bin that the table of wavelengths tells.
+    /// Sums, in the bin of the ray's wavelength.
     Bins,
     /// A row for the host, and one sum.
     Rays,
@@ -114,7 +114,7 @@ pub trait Detection: std::fmt::Debug {
         None
     }
 
-    /// True if each pixel is one cell, which a ray's position alone tells.
+    /// True if each pixel is one cell, which follows from a ray's position alone.
     fn is_plain_grid(&self) -> bool {
         false
     }

@@ -4,34 +4,24 @@ use crate::Result;
 use crate::model::shapes::freeform::Freeform;
 pub use crate::model::shapes::freeform::FreeformSurface;
 use crate::model::shapes::freeform::{Polynomial, clenshaw};
-use crate::model::shapes::sag::{SagSurface, check_aperture};
-use crate::model::shapes::{Entry, Shape, aperture};
+use crate::model::shapes::sag::{SagSurface, check_aperture, written};
+use crate::model::shapes::{Entry, Shape};
 use glam::DVec2;
-use schemars::JsonSchema;
-use serde::Deserialize;
 
-/// A Chebyshev surface in a scene file.
-#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-#[schemars(rename = "Chebyshev")]
-pub struct Written {
-    /// Vertex radius of the conic part \[mm\].
-    pub radius: f64,
-    /// Conic constant.
-    #[serde(default)]
-    pub conic: f64,
-    /// Semi-diameter \[mm\], at most `norm_x` and `norm_y`.
-    pub aperture_radius: f64,
-    /// `coefficients[i][j]` of T_i(x / norm_x) T_j(y / norm_y) \[mm\]; orders up to 31.
-    #[serde(default)]
-    pub coefficients: Vec<Vec<f64>>,
-    /// What x is divided by \[mm\].
-    pub norm_x: f64,
-    /// What y is divided by \[mm\].
-    pub norm_y: f64,
-    /// The part across the axis that there is; all if null.
-    #[serde(default)]
-    pub aperture: Option<aperture::Written>,
+written! {
+    /// A Chebyshev surface in a scene file.
+    #[schemars(rename = "Chebyshev")]
+    pub struct Written {
+        /// Semi-diameter \[mm\], at most `norm_x` and `norm_y`.
+        pub aperture_radius: f64,
+        /// `coefficients[i][j]` of T_i(x / norm_x) T_j(y / norm_y) \[mm\]; orders up to 31.
+        #[serde(default)]
+        pub coefficients: Vec<Vec<f64>>,
+        /// What x is divided by \[mm\].
+        pub norm_x: f64,
+        /// What y is divided by \[mm\].
+        pub norm_y: f64,
+    }
 }
 
 impl Entry for Written {

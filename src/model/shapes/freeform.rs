@@ -62,7 +62,7 @@ pub struct Polynomial<'a> {
     pub order: usize,
     /// Its value at a point \[mm\].
     pub value: &'a dyn Fn(DVec2) -> f64,
-    /// The numbers that tell it from others.
+    /// The numbers that distinguish it from others.
     pub definition: Vec<f64>,
 }
 

@@ -1,7 +1,7 @@
 //! Shapes of surfaces: the list of them, and what each must say of itself.
 //!
 //! Each shape stands in one file here, and its distance function in one file of shaders/shapes/. docs/adding-a-kind.md
-//! tells how to add one. Everything is said in the shape's own frame, whose axis is z: lengths in mm.
+//! says how to add one. Everything is said in the shape's own frame, whose axis is z: lengths in mm.
 
 pub mod annulus;
 pub mod aperture;
@@ -119,7 +119,7 @@ pub enum Normal {
 
 /// What the program, the checks of scenes and the viewer ask of a shape.
 pub trait Geometry: std::fmt::Debug {
-    /// The shader functions that trace the shape. They may be those of a simpler kind, such as the disk for a flat conic;
+    /// The shader functions that trace the shape. They may belong to a simpler kind, such as the disk for a flat conic;
     /// [`Geometry::arguments`] are then the numbers of that kind.
     fn kind(&self) -> ShapeKind;
 

@@ -1,13 +1,10 @@
 //! Odd aspheres: a conic and all powers of the distance from the axis.
 
 use crate::Result;
-use crate::model::shapes::aperture;
 use crate::model::shapes::profile::Profile;
-use crate::model::shapes::sag::{SagSurface, check_aperture};
+use crate::model::shapes::sag::{SagSurface, check_aperture, written};
 use crate::model::shapes::{Entry, Normal, Shape, ShapeWgsl};
 use crate::shaders::shader;
-use schemars::JsonSchema;
-use serde::Deserialize;
 
 /// The surface.
 pub type OddAsphere = SagSurface<Profile>;
@@ -20,24 +17,16 @@ pub const ODD_ASPHERE: ShapeWgsl = ShapeWgsl {
     normal: Normal::Sag,
 };
 
-/// An odd asphere in a scene file.
-#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-#[schemars(rename = "OddAsphere")]
-pub struct Written {
-    /// Vertex radius of the conic part \[mm\].
-    pub radius: f64,
-    /// Conic constant.
-    #[serde(default)]
-    pub conic: f64,
-    /// Semi-diameter \[mm\].
-    pub aperture_radius: f64,
-    /// Coefficients of r, r^2, r^3 and so on, up to ten.
-    #[serde(default)]
-    pub coefficients: Vec<f64>,
-    /// The part across the axis that there is; all if null.
-    #[serde(default)]
-    pub aperture: Option<aperture::Written>,
+written! {
+    /// An odd asphere in a scene file.
+    #[schemars(rename = "OddAsphere")]
+    pub struct Written {
+        /// Semi-diameter \[mm\].
+        pub aperture_radius: f64,
+        /// Coefficients of r, r^2, r^3 and so on, up to ten.
+        #[serde(default)]
+        pub coefficients: Vec<f64>,
+    }
 }
 
 impl Entry for Written {

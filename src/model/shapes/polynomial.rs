@@ -4,30 +4,20 @@ use crate::Result;
 use crate::model::shapes::freeform::Freeform;
 use crate::model::shapes::freeform::Polynomial;
 pub use crate::model::shapes::freeform::{FREEFORM, FreeformSurface};
-use crate::model::shapes::sag::{SagSurface, check_aperture};
-use crate::model::shapes::{Entry, Shape, aperture};
+use crate::model::shapes::sag::{SagSurface, check_aperture, written};
+use crate::model::shapes::{Entry, Shape};
 use glam::DVec2;
-use schemars::JsonSchema;
-use serde::Deserialize;
 
-/// A polynomial of x and y in a scene file.
-#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-#[schemars(rename = "Polynomial")]
-pub struct Written {
-    /// Vertex radius of the conic part \[mm\].
-    pub radius: f64,
-    /// Conic constant.
-    #[serde(default)]
-    pub conic: f64,
-    /// Semi-diameter \[mm\].
-    pub aperture_radius: f64,
-    /// `coefficients[i][j]` of x^i y^j; powers up to 31. Rows may differ in length.
-    #[serde(default)]
-    pub coefficients: Vec<Vec<f64>>,
-    /// The part across the axis that there is; all if null.
-    #[serde(default)]
-    pub aperture: Option<aperture::Written>,
+written! {
+    /// A polynomial of x and y in a scene file.
+    #[schemars(rename = "Polynomial")]
+    pub struct Written {
+        /// Semi-diameter \[mm\].
+        pub aperture_radius: f64,
+        /// `coefficients[i][j]` of x^i y^j; powers up to 31. Rows may differ in length.
+        #[serde(default)]
+        pub coefficients: Vec<Vec<f64>>,
+    }
 }
 
 impl Entry for Written {

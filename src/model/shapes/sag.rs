@@ -14,6 +14,36 @@ pub const ROOM: f64 = 1.0 + 1e-5;
 /// More than any bound that is of use.
 pub const UNBOUNDED: f64 = 1e30;
 
+/// Makes what scene files have of an asphere: the keys of all aspheres around its own.
+macro_rules! written {
+    (
+        $(#[$attribute:meta])*
+        pub struct $name:ident {
+            $(#[$limit:meta])*
+            pub aperture_radius: f64,
+            $($(#[$key_attribute:meta])* pub $key:ident: $type:ty,)*
+        }
+    ) => {
+        #[derive(Debug, Clone, PartialEq, serde::Deserialize, schemars::JsonSchema)]
+        #[serde(deny_unknown_fields)]
+        $(#[$attribute])*
+        pub struct $name {
+            /// Vertex radius of the conic part \[mm\].
+            pub radius: f64,
+            /// Conic constant.
+            #[serde(default)]
+            pub conic: f64,
+            $(#[$limit])*
+            pub aperture_radius: f64,
+            $($(#[$key_attribute])* pub $key: $type,)*
+            /// The part across the axis that there is; all if null.
+            #[serde(default)]
+            pub aperture: Option<$crate::model::shapes::aperture::Written>,
+        }
+    };
+}
+pub(super) use written;
+
 /// The sag at a point: its height \[mm\], its gradient, and its second derivatives \[1/mm\].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SagAt {

@@ -5,8 +5,8 @@ use crate::model::checks;
 use crate::model::shapes::freeform::Freeform;
 pub use crate::model::shapes::freeform::FreeformSurface;
 use crate::model::shapes::freeform::{HIGHEST_POWER, Polynomial};
-use crate::model::shapes::sag::{SagSurface, check_aperture};
-use crate::model::shapes::{Entry, Shape, aperture};
+use crate::model::shapes::sag::{SagSurface, check_aperture, written};
+use crate::model::shapes::{Entry, Shape};
 use glam::DVec2;
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -27,29 +27,21 @@ pub enum ZernikeType {
     Fringe,
 }
 
-/// A Zernike surface in a scene file.
-#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-#[schemars(rename = "Zernike")]
-pub struct Written {
-    /// Vertex radius of the conic part \[mm\].
-    pub radius: f64,
-    /// Conic constant.
-    #[serde(default)]
-    pub conic: f64,
-    /// Semi-diameter \[mm\], at most `norm_radius`.
-    pub aperture_radius: f64,
-    /// Coefficients \[mm\], of the first polynomials of the convention, up to 256.
-    #[serde(default)]
-    pub coefficients: Vec<f64>,
-    /// The convention.
-    #[serde(default)]
-    pub zernike_type: ZernikeType,
-    /// The radius of the disk on which the polynomials are defined \[mm\].
-    pub norm_radius: f64,
-    /// The part across the axis that there is; all if null.
-    #[serde(default)]
-    pub aperture: Option<aperture::Written>,
+written! {
+    /// A Zernike surface in a scene file.
+    #[schemars(rename = "Zernike")]
+    pub struct Written {
+        /// Semi-diameter \[mm\], at most `norm_radius`.
+        pub aperture_radius: f64,
+        /// Coefficients \[mm\], of the first polynomials of the convention, up to 256.
+        #[serde(default)]
+        pub coefficients: Vec<f64>,
+        /// The convention.
+        #[serde(default)]
+        pub zernike_type: ZernikeType,
+        /// The radius of the disk on which the polynomials are defined \[mm\].
+        pub norm_radius: f64,
+    }
 }
 
 impl Entry for Written {

@@ -1,6 +1,6 @@
 //! Sources of rays: the list of them, and what each must say of itself.
 //!
-//! Each source stands in one file here, and its function in one file of shaders/sources/. docs/adding-a-kind.md tells how
+//! Each source stands in one file here, and its function in one file of shaders/sources/. docs/adding-a-kind.md says how
 //! to add one. Everything is said in the source's own frame: rays are born at z = 0 and go towards +z. Lengths are in mm,
 //! angles in rad.
 

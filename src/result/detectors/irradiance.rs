@@ -8,52 +8,54 @@ use crate::result::npz::ArrayWriter;
 use crate::result::png::figures::{self, Drawn, Head};
 use crate::result::stored::Stored;
 use crate::result::tally::map_lit;
-use ndarray::{Array1, Array2};
+use ndarray::{Array, Array1, Dimension, Ix2};
 use serde_json::{Value, json};
 use std::path::Path;
 
-/// Irradiance of a planar detector.
+/// Irradiance over pixels; `D` counts its indices: rows and columns, and wavelength bins if there are any.
 #[derive(Debug, Clone, PartialEq)]
-pub struct IrradianceMap {
-    /// Irradiance \[W/mm^2\], shape (ny, nx).
-    pub irradiance: Array2<f64>,
+pub struct PixelMap<D: Dimension> {
+    /// Irradiance \[W/mm^2\], shape (ny, nx) or (ny, nx, n_lambda).
+    pub irradiance: Array<f64, D>,
     /// Pixel centres along local x \[mm\], shape (nx,).
     pub x_coords: Array1<f64>,
     /// Pixel centres along local y \[mm\], shape (ny,).
     pub y_coords: Array1<f64>,
-    /// Rays that hit each pixel, whatever the splat, shape (ny, nx).
-    pub hits: Array2<u64>,
-    /// Standard error of `irradiance` \[W/mm^2\], shape (ny, nx); none where second moments were not summed. 0 where no ray
+    /// Rays that hit each pixel, whatever the splat, in the shape of `irradiance`.
+    pub hits: Array<u64, D>,
+    /// Standard error of `irradiance` \[W/mm^2\], in its shape; none where second moments were not summed. 0 where no ray
     /// came: that says nothing of what a longer trace would find.
-    pub standard_error: Option<Array2<f64>>,
+    pub standard_error: Option<Array<f64, D>>,
     /// Full width along local x \[mm\].
     pub width: f64,
     /// Full height along local y \[mm\].
     pub height: f64,
 }
 
-impl IrradianceMap {
-    pub(crate) fn new(grid: &PixelGrid, sums: &Sums<'_>) -> Result<Self> {
+/// Irradiance of a planar detector.
+pub type IrradianceMap = PixelMap<Ix2>;
+
+impl<D: Dimension> PixelMap<D> {
+    /// The map of a detector's sums, in this shape.
+    pub(super) fn of_cells(grid: &PixelGrid, shape: D, sums: &Sums<'_>) -> Result<Self> {
         let Sums { cells, unit, uncertainty, .. } = *sums;
         let (nx, ny) = (grid.num_pixels_x as usize, grid.num_pixels_y as usize);
         let area = pixel_area(grid);
-        Ok(IrradianceMap {
-            irradiance: shaped((ny, nx), map_lit(&cells.quanta, |_, quanta| unit.watts(quanta) / area))?,
+        let errors = uncertainty.of_cells(cells, |_| area);
+        Ok(PixelMap {
+            irradiance: shaped(shape.clone(), map_lit(&cells.quanta, |_, quanta| unit.watts(quanta) / area))?,
             x_coords: bin_centres(-grid.width / 2.0, grid.width / 2.0, nx),
             y_coords: bin_centres(-grid.height / 2.0, grid.height / 2.0, ny),
-            hits: shaped((ny, nx), map_lit(&cells.hits, |_, hits| hits))?,
-            standard_error: uncertainty
-                .of_cells(cells, |_| area)
-                .map(|errors| shaped((ny, nx), errors))
-                .transpose()?,
+            hits: shaped(shape.clone(), map_lit(&cells.hits, |_, hits| hits))?,
+            standard_error: errors.map(|errors| shaped(shape, errors)).transpose()?,
             width: grid.width,
             height: grid.height,
         })
     }
 
-    pub(crate) fn read(mut stored: Stored) -> Result<Self> {
+    pub(super) fn of_file(stored: &mut Stored) -> Result<Self> {
         let (width, height) = stored.size()?;
-        let map = IrradianceMap {
+        let map = PixelMap {
             irradiance: stored.array("irradiance")?,
             x_coords: stored.array("x_coords")?,
             y_coords: stored.array("y_coords")?,
@@ -62,29 +64,53 @@ impl IrradianceMap {
             width,
             height,
         };
-        let shape = (map.y_coords.len(), map.x_coords.len());
+        let shape = map.irradiance.shape();
         stored.check(
-            map.irradiance.dim() == shape
-                && map.hits.dim() == shape
-                && map.standard_error.as_ref().is_none_or(|errors| errors.dim() == shape)
+            shape[..2] == [map.y_coords.len(), map.x_coords.len()]
+                && map.hits.shape() == shape
+                && map.standard_error.as_ref().is_none_or(|errors| errors.shape() == shape)
                 && !map.hits.is_empty(),
         )?;
         Ok(map)
+    }
+
+    /// Adds the arrays to a file, with `more` after the pixels' centres.
+    pub(super) fn add_to(&self, file: &mut ArrayWriter, more: &[(&str, &Array1<f64>)]) -> Result<()> {
+        file.add("irradiance", &self.irradiance)?;
+        file.add("x_coords", &self.x_coords)?;
+        file.add("y_coords", &self.y_coords)?;
+        more.iter().try_for_each(|(name, values)| file.add(name, *values))?;
+        file.add("hits", &self.hits)?;
+        file.add_optional("standard_error", &self.standard_error)
+    }
+
+    pub(super) fn cells(&self) -> CellMap<'_> {
+        let size = (self.width, self.height);
+        CellMap::of_pixels(size, &self.irradiance, self.standard_error.as_ref(), &self.hits)
+    }
+
+    pub(super) fn size(&self) -> Vec<(&'static str, Value)> {
+        vec![("width", json!(self.width)), ("height", json!(self.height))]
+    }
+}
+
+impl IrradianceMap {
+    pub(crate) fn new(grid: &PixelGrid, sums: &Sums<'_>) -> Result<Self> {
+        PixelMap::of_cells(grid, Ix2(grid.num_pixels_y as usize, grid.num_pixels_x as usize), sums)
+    }
+
+    pub(crate) fn read(mut stored: Stored) -> Result<Self> {
+        PixelMap::of_file(&mut stored)
     }
 }
 
 impl DetectorResult for IrradianceMap {
     fn map(&self) -> Option<CellMap<'_>> {
-        let size = (self.width, self.height);
-        Some(CellMap::of_pixels(size, &self.irradiance, self.standard_error.as_ref(), &self.hits))
+        Some(self.cells())
     }
 
     fn write(&self, file: &mut ArrayWriter) -> Result<()> {
-        file.add("irradiance", &self.irradiance)?;
-        file.add("x_coords", &self.x_coords)?;
-        file.add("y_coords", &self.y_coords)?;
-        file.add("hits", &self.hits)?;
-        file.add_optional("standard_error", &self.standard_error)
+        self.add_to(file, &[])
     }
 
     fn units(&self) -> &'static [(&'static str, &'static str)] {
@@ -104,6 +130,6 @@ impl DetectorResult for IrradianceMap {
     }
 
     fn entry(&self) -> Vec<(&'static str, Value)> {
-        vec![("width", json!(self.width)), ("height", json!(self.height))]
+        self.size()
     }
 }

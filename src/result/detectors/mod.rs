@@ -109,7 +109,7 @@ pub(crate) trait DetectorResult {
     /// Draws it to a `.png` file.
     fn picture(&self, path: &Path, head: &Head) -> Drawn;
 
-    /// What its entry of the report has beyond that of every detector.
+    /// What its entry of the report has beside the keys of every detector.
     fn entry(&self) -> Vec<(&'static str, Value)> {
         Vec::new()
     }
@@ -129,7 +129,7 @@ pub(crate) trait DetectorResult {
         None
     }
 
-    /// True if it tells wavelengths apart, so that watts become lumens without asking for one.
+    /// True if it records wavelengths, so that watts become lumens without asking for a wavelength.
     fn tells_wavelengths(&self) -> bool {
         false
     }

@@ -1,7 +1,7 @@
 //! What a change does: two scenes by the same draws, their difference, and its own standard errors.
 //!
 //! Both scenes trace the same rays by the same random numbers. So what the change does not touch cancels to the bit, and
-//! the error of the difference is far below that of either scene.
+//! the error of the difference is far below the error of either scene.
 //!
 //! ```text
 //! tallies of blocks -> Figures of A less Figures of B -> Spread -> SceneDifference -> table, report.json, .npz, .png
@@ -35,7 +35,7 @@ pub struct FluxDifference {
     pub b: f64,
     /// A - B.
     pub difference: f64,
-    /// Standard error of the difference; none where it is not known.
+    /// Standard error of the difference; `None` if it is not known.
     pub standard_error: Option<f64>,
     /// What is known of a difference that rests on few rays, which go other ways in A than in B. The bound is one of the
     /// difference's size.
@@ -44,8 +44,8 @@ pub struct FluxDifference {
 }
 
 impl FluxDifference {
-    /// The difference in standard errors: 0 where there is none but by rounding, none where the error is not known or 0, and
-    /// where the difference rests on few rays.
+    /// The difference in standard errors; 0 if it is rounding alone. `None` if the error is not known or 0, or if the
+    /// difference rests on few rays.
     pub fn score(&self) -> Option<f64> {
         if self.few_rays.is_some() {
             return None;
@@ -81,7 +81,7 @@ pub struct MapDifference {
     pub sides: [Detector; 2],
     /// A - B.
     pub values: ArrayD<f64>,
-    /// Standard errors of `values`; none where they are not known.
+    /// Standard errors of `values`; `None` if they are not known.
     pub errors: Option<ArrayD<f64>>,
 }
 
@@ -100,7 +100,7 @@ pub struct SceneDifference {
     pub detectors: Vec<DetectorDifference>,
     /// Lines of the ledger in which light is.
     pub totals: Vec<FluxDifference>,
-    /// Surfaces that took light, in A's order, then those of B alone.
+    /// Surfaces that took light, in A's order, then surfaces of B alone.
     pub surfaces: Vec<FluxDifference>,
     /// Detectors and surfaces that one scene alone has.
     pub notes: Vec<String>,
@@ -199,7 +199,7 @@ impl<'a> Pairing<'a> {
         sums: &DetectorTally,
     ) -> Result<Detector> {
         let ir = self.scenes[side];
-        // The errors of a difference are not those of its sides.
+        // The errors of a difference do not follow from the errors of its sides.
         let sums =
             DetectorTally { squares: Vec::new(), totals: Vec::new(), replicates: Vec::new(), ..sums.clone() };
         Detector::of_part(ir, tally, unit, &ir.detectors[number], &sums)
@@ -218,8 +218,8 @@ impl<'a> Pairing<'a> {
             && a.kind.function() == b.kind.function()
     }
 
-    /// The difference of two traces, from their sums, the largest weight of a new ray, what a weight of each is worth, and the
-    /// spread of blocks: of lines and of what was detected. Errors are those of a spread times `scale`.
+    /// The difference of two traces, from their sums, the largest weight of a new ray, what a weight of each is worth, and
+    /// the spread of blocks. Lines of the ledger and detectors have spreads; times `scale`, they are the errors.
     ///
     /// # Errors
     /// [`Error::Internal`] if the sums are not of these scenes.
@@ -316,8 +316,8 @@ fn lines(ledger: &Ledger) -> impl Iterator<Item = (&'static str, f64)> {
     all.map(|(name, entry)| (name, entry.flux))
 }
 
-/// Numbers of things of the same name, in the order of A, then those of B alone. Of several of one name the first belongs to
-/// the first.
+/// Pairs of things of the same name by their numbers, in the order of A; then the things of B alone. Among several of one
+/// name, the first of A belongs to the first of B.
 fn by_name(a: &[&str], b: &[&str]) -> Vec<[Option<usize>; 2]> {
     let mut taken = vec![false; b.len()];
     let mut pairs: Vec<[Option<usize>; 2]> = Vec::new();

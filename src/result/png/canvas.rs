@@ -153,7 +153,7 @@ impl Canvas<'_> {
         (size, color): (f64, RGBColor),
         (h, v): (HPos, VPos),
     ) -> Drawn {
-        // The box of a line has no room for descenders, so that its middle is not that of the digits.
+        // The box of a line has no room for descenders, so that the middle of the digits lies lower than its own.
         let lower = if matches!(v, VPos::Center) { (0.13 * size).round() as i32 } else { 0 };
         let style = (FONT, size).into_font().color(&color).pos(Pos::new(h, v));
         self.root.draw_text(&spaced(text), &style, (at.0, at.1 + lower)).map_err(reason)
@@ -305,7 +305,7 @@ impl ColorBar {
         let label = with_unit(quantity, &unit.1);
         let range = (scale.low / unit.0, scale.high / unit.0);
         let axis = if scale.high <= 0.0 {
-            // Without any flux there is one colour, that of zero, and one honest tick.
+            // Without any flux there is one colour, the one of zero, and one honest tick.
             let low = if scale.diverging { -1.0 } else { 0.0 };
             Axis { label, range: (low, 1.0), ticks: vec![(0.0, "0".into())] }
         } else if scale.is_log() {

@@ -19,7 +19,7 @@ pub struct Entry {
     pub page: String,
     /// Where the data was published.
     pub reference: Arc<str>,
-    /// Its numbers, which are unpacked when they are asked for: a scene needs those of a few entries.
+    /// Its numbers, which are unpacked when they are asked for: a scene needs few entries.
     pub(super) packed: &'static [u8],
     pub(super) optics: OnceLock<Optics>,
 }

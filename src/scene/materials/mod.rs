@@ -1,6 +1,6 @@
 //! The material catalog: names of glasses, crystals, metals, plastics and liquids, and their n and k.
 //!
-//! The data is that of [refractiveindex.info](https://refractiveindex.info) (public domain, CC0; M. N. Polyanskiy and
+//! The data comes from [refractiveindex.info](https://refractiveindex.info) (public domain, CC0; M. N. Polyanskiy and
 //! its contributors), in the version that Optiland ships. A name means the entry that Optiland takes it for: each was
 //! resolved by Optiland itself when `python/tools/make_catalog.py` made the embedded `catalog.bin`. An entry's own
 //! path, such as `glass/schott/SF6`, is accepted as well, because some entries have no name of their own.

@@ -183,14 +183,20 @@ impl Spectrum {
     fn of(app: &App) -> Option<Self> {
         let map = app.model.spectral()?;
         let cell = app.cursor().and_then(|cursor| cursor.cell);
-        let cell = cell.filter(|(row, column)| *row < map.y_coords.len() && *column < map.x_coords.len());
+        let cell = cell
+            .filter(|(row, column)| *row < map.pixels.y_coords.len() && *column < map.pixels.x_coords.len());
         let edges = map.wavelength_edges.to_vec();
         Some(match cell {
             Some((row, column)) => Spectrum {
-                values: (0..map.wavelengths.len()).map(|bin| map.irradiance[(row, column, bin)]).collect(),
+                values: (0..map.wavelengths.len())
+                    .map(|bin| map.pixels.irradiance[(row, column, bin)])
+                    .collect(),
                 edges,
                 unit: "W/mm²",
-                of: format!("pixel at {:.3}, {:.3} mm", map.x_coords[column], map.y_coords[row]),
+                of: format!(
+                    "pixel at {:.3}, {:.3} mm",
+                    map.pixels.x_coords[column], map.pixels.y_coords[row]
+                ),
             },
             None => Spectrum { values: map.spectrum.to_vec(), edges, unit: "W", of: "whole detector".into() },
         })

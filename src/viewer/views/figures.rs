@@ -115,7 +115,7 @@ fn of_map(ui: &mut Ui, figures: &Statistics, labels: &Labels, of_paths: bool) {
     }
     // A sum of ratios is not a flux.
     if unit != "σ" {
-        // The spread of few rays tells no error.
+        // The spread of few rays is no estimate of the error.
         let is_of_few = !of_paths && figures.hits < ENOUGH_RAYS;
         let sigma = if is_of_few { f64::NAN } else { figures.flux_sigma };
         let remark = if is_of_few { " (few rays)" } else { "" };

@@ -288,7 +288,7 @@ fn header(ui: &mut Ui) {
     ui.painter().hline(rect.x_range(), rect.bottom(), line);
 }
 
-/// Draws a line, and tells whether the tick was changed.
+/// Draws a line; true if the tick was changed.
 fn draw(ui: &mut Ui, line: &Line, index: usize) -> (Response, Option<bool>) {
     let (rect, response) = ui.allocate_exact_size(vec2(ui.available_width(), HEIGHT), Sense::click());
     response.widget_info(|| WidgetInfo::selected(Role::Button, true, line.is_shown, &line.sequence));
