@@ -87,7 +87,7 @@ pub mod internals {
     pub use crate::format::pretty_json;
     pub use crate::gpu::processors;
     pub use crate::result::output::REPORT;
-    pub use crate::viewer::screenshot::Canvas;
+    pub use crate::viewer::screenshot::OffscreenTexture;
     pub use crate::viewer::settings::Settings;
     pub use crate::viewer::tracing::Device;
     pub use crate::viewer::{App, Model, RENDERER};

@@ -9,7 +9,7 @@ use common::{Gpu, Storage, real_bytes, reals_of};
 use glam::{DVec2, DVec3};
 use nsq_gpu::model::ShapeKind;
 use nsq_gpu::model::shapes::freeform::Polynomial;
-use nsq_gpu::model::shapes::{Across, Biconic, Freeform, Profile, Shape, Toroidal};
+use nsq_gpu::model::shapes::{Across, AsphereProfile, Biconic, Freeform, Shape, Toroidal};
 use nsq_gpu::program::layout::bindings;
 use nsq_gpu::program::layout::rng::{Sampler, splitmix64};
 use nsq_gpu::program::wgsl::library::{self, Integers, Real};
@@ -75,10 +75,10 @@ fn random_shape(s: &mut u64, real: Real, kind: ShapeKind, aperture: f64) -> Shap
     (radius_x, conic_x) = exact(radius_x, conic_x);
     match kind {
         ShapeKind::EvenAsphere => {
-            Shape::EvenAsphere(Profile::new(radius_x, conic_x, aperture, 2, &at_rim(6, 2)).into())
+            Shape::EvenAsphere(AsphereProfile::new(radius_x, conic_x, aperture, 2, &at_rim(6, 2)).into())
         }
         ShapeKind::OddAsphere => {
-            Shape::OddAsphere(Profile::new(radius_x, conic_x, aperture, 1, &at_rim(6, 1)).into())
+            Shape::OddAsphere(AsphereProfile::new(radius_x, conic_x, aperture, 1, &at_rim(6, 1)).into())
         }
         ShapeKind::Biconic => {
             let (radius_y, conic_y) = exact(radius_y, conic_y);
@@ -91,7 +91,7 @@ fn random_shape(s: &mut u64, real: Real, kind: ShapeKind, aperture: f64) -> Shap
             // Not so steep that it is turned over.
             radius_y = 2.0 * radius_x.abs().copysign(radius_y);
             let coefficients = at_rim(3, 2).into_iter().map(|a| 0.3 * a).collect::<Vec<f64>>();
-            let profile = Profile::new(radius_y, conic_y, aperture, 2, &coefficients);
+            let profile = AsphereProfile::new(radius_y, conic_y, aperture, 2, &coefficients);
             Shape::Toroidal(Toroidal { curvature_x: 1.0 / radius_x, profile }.into())
         }
         _ => {
@@ -309,10 +309,15 @@ fn the_first_crossing_of_random_surfaces_is_found() {
 #[test]
 fn rays_along_a_surface_end_at_its_next_crossing() {
     let Some(gpu) = Gpu::open("lib_sag", Real::F64, Integers::Portable) else { return };
-    let flat =
-        Profile::new(f64::INFINITY, 0.0, 10.0, 2, &[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2e-20]);
-    let ripple = Profile::new(f64::INFINITY, 0.0, 15.0, 2, &[0.01, -1e-4]);
-    let along = |profile: Profile, origin, z: f64, leaving| Case {
+    let flat = AsphereProfile::new(
+        f64::INFINITY,
+        0.0,
+        10.0,
+        2,
+        &[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2e-20],
+    );
+    let ripple = AsphereProfile::new(f64::INFINITY, 0.0, 15.0, 2, &[0.01, -1e-4]);
+    let along = |profile: AsphereProfile, origin, z: f64, leaving| Case {
         shape: Shape::EvenAsphere(profile.into()),
         origin,
         direction: DVec3::new((1.0 - z * z).sqrt(), 0.0, z),
@@ -336,7 +341,7 @@ fn rays_along_a_surface_end_at_its_next_crossing() {
 #[test]
 fn a_ray_that_leaves_beyond_the_rim_meets_the_face_plainly() {
     let Some(gpu) = Gpu::open("lib_sag", Real::F64, Integers::Portable) else { return };
-    let inner = Profile::new(f64::INFINITY, 0.0, 5.0, 2, &[0.0, 1e-4]);
+    let inner = AsphereProfile::new(f64::INFINITY, 0.0, 5.0, 2, &[0.0, 1e-4]);
     let origin = DVec3::new(15.0, 0.0, inner.sag(15.0));
     let case = Case {
         shape: Shape::EvenAsphere(inner.into()),

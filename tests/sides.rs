@@ -11,7 +11,7 @@ mod zoo;
 use command::{command, run, stderr};
 use nsq_gpu::cpu::Override;
 use nsq_gpu::model::SceneIr;
-use nsq_gpu::model::sides::{MOST_WORK, WrongSides};
+use nsq_gpu::model::sides::{MOST_WORK, SideFaults};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{RunInfo, Tally};
 use nsq_gpu::run::Strict;
@@ -141,7 +141,7 @@ fn lens_behind() -> Vec<Value> {
     plate("L", 32.0, &json!({"type": "conic", "radius": 90, "aperture_radius": 8}))
 }
 
-fn wrong_sides(ir: &SceneIr) -> WrongSides {
+fn wrong_sides(ir: &SceneIr) -> SideFaults {
     nsq_gpu::model::sides::wrong_sides(ir, MOST_WORK)
 }
 
@@ -158,13 +158,13 @@ fn every_shape_inside_out_is_found_and_named_alone_and_in_a_lens() {
         for others in [Vec::new(), lens_behind()] {
             let what = format!("{} with {} more", surfaces[0], others.len());
             let ir = scene(&[surfaces.clone(), others].concat());
-            assert_eq!(wrong_sides(&ir), WrongSides::default(), "{what}");
+            assert_eq!(wrong_sides(&ir), SideFaults::default(), "{what}");
             for &face in &faces {
                 let ir = turned(&ir, &[face]);
                 let found = wrong_sides(&ir);
                 assert_eq!(
                     found,
-                    WrongSides { turned: vec![vec![face]], ..WrongSides::default() },
+                    SideFaults { turned: vec![vec![face]], ..SideFaults::default() },
                     "{what}: {face}"
                 );
                 let name = &ir.surfaces[face].name;
@@ -173,7 +173,7 @@ fn every_shape_inside_out_is_found_and_named_alone_and_in_a_lens() {
             let found = wrong_sides(&turned(&ir, &faces));
             assert_eq!(
                 found,
-                WrongSides { turned: vec![faces.clone()], ..WrongSides::default() },
+                SideFaults { turned: vec![faces.clone()], ..SideFaults::default() },
                 "{what}: all"
             );
         }
@@ -189,9 +189,9 @@ fn a_lens_under_water_is_no_open_solid() {
     surfaces[1]["material_back"] = water;
     let mut ir = scene(&surfaces);
     ir.sources[0].medium = ir.surfaces[0].front;
-    assert_eq!(wrong_sides(&ir), WrongSides::default());
+    assert_eq!(wrong_sides(&ir), SideFaults::default());
     for faces in [vec![0], vec![1], vec![0, 1]] {
-        let expected = WrongSides { turned: vec![faces.clone()], ..WrongSides::default() };
+        let expected = SideFaults { turned: vec![faces.clone()], ..SideFaults::default() };
         assert_eq!(wrong_sides(&turned(&ir, &faces)), expected);
     }
     // All sources of the light guide stand in its acrylic, and vacuum lies about it.

@@ -15,12 +15,12 @@ use nsq_gpu::model::PathFilter;
 use nsq_gpu::result::StoppedBy;
 use nsq_gpu::result::picture::scale::ScaleKind;
 use nsq_gpu::result::{DetectorData, Grouping, LightPath};
-use nsq_gpu::viewer::compare::Comparison;
-use nsq_gpu::viewer::light::{Rays, Shown, Stage};
+use nsq_gpu::viewer::light::{RaysOfPaths, ShownLight, TableStage};
 use nsq_gpu::viewer::model::{Picture, RegionFigures, Subject};
-use nsq_gpu::viewer::region::{Outline, Region};
+use nsq_gpu::viewer::region::{Region, RegionOutline};
 use nsq_gpu::viewer::settings::Settings;
 use nsq_gpu::viewer::tracing::{Device, State};
+use nsq_gpu::viewer::two_results::ComparisonMode;
 use nsq_gpu::viewer::{App, Model, screenshot};
 use std::fs::File;
 use std::io::Write;
@@ -319,7 +319,7 @@ fn a_dragged_region_sums_the_cells_of_the_file() {
     click(&mut window, "Rectangle");
     drag(&mut window, (-3.0, -2.0), (3.0, 2.5));
     let region = window.state_mut().model.marks().region.unwrap();
-    assert_eq!(region.outline, Outline::Rectangle);
+    assert_eq!(region.outline, RegionOutline::Rectangle);
     let pixel = {
         let frame = window.state().frame().unwrap();
         (frame.view.x.1 - frame.view.x.0) / f64::from(frame.rect.width())
@@ -415,7 +415,7 @@ fn two_results_are_compared_cell_by_cell() {
     click(&mut window, "A − B");
     assert_eq!(read(&mut window), of_a[cell] - of_b[cell]);
     click(&mut window, "(A − B) / σ");
-    assert_eq!(window.state().model.settings.comparison, Comparison::Significance);
+    assert_eq!(window.state().model.settings.comparison, ComparisonMode::Significance);
     let sigma = |dir: &Path| {
         let errors: Array2<f64> = npz(dir, "image.npz").by_name("standard_error").unwrap();
         errors[cell]
@@ -620,10 +620,10 @@ fn followed(scene: &str) -> Window {
     window.state_mut().model.run.num_rays = RAYS.parse().unwrap();
     window.state_mut().model.trace();
     click(&mut window, "Paths");
-    assert_eq!(window.state().model.light.stage(), Stage::None);
+    assert_eq!(window.state().model.light.stage(), TableStage::None);
     click(&mut window, "Follow light");
     finish(&mut window);
-    assert_eq!(window.state().model.light.stage(), Stage::Listed);
+    assert_eq!(window.state().model.light.stage(), TableStage::Listed);
     window
 }
 
@@ -666,7 +666,7 @@ fn paths_are_shown_alone_and_add_up() {
     let whole = values(&mut window);
     for row in [&rows[1], &rows[0]] {
         click(&mut window, &row.sequence);
-        assert_eq!(window.state().model.light.shown(), Shown::Row(row.rank as usize - 1));
+        assert_eq!(window.state().model.light.shown(), ShownLight::Row(row.rank as usize - 1));
         assert!(window.query_by_label_contains(&format!("Path {}: ", row.rank)).is_some());
         let alone = values(&mut window);
         assert_eq!(alone, values_where("cooke_triplet", "image", row.filter.as_ref().unwrap()));
@@ -680,7 +680,7 @@ fn paths_are_shown_alone_and_add_up() {
     click(&mut window, "Tick path 2");
     let second = values(&mut window);
     click(&mut window, "Tick path 3");
-    assert_eq!(window.state().model.light.shown(), Shown::Ticked);
+    assert_eq!(window.state().model.light.shown(), ShownLight::Ticked);
     let both = values(&mut window);
     assert!(both.sum() > second.sum());
     click(&mut window, "Tick path 2");
@@ -693,7 +693,7 @@ fn paths_are_shown_alone_and_add_up() {
     assert_eq!(ghosts, values_where("cooke_triplet", "image", "reflections > 0 or scatterings > 0"));
     assert!(ghosts.sum() > 0.0 && ghosts.sum() < 0.1 * whole.sum());
     click(&mut window, "None");
-    assert_eq!((window.state().model.light.shown(), values(&mut window)), (Shown::Whole, whole));
+    assert_eq!((window.state().model.light.shown(), values(&mut window)), (ShownLight::Whole, whole));
 }
 
 /// Where not every row has a map, the rest is what the detector has besides.
@@ -724,7 +724,7 @@ fn what_has_no_map_of_its_own_is_the_rest() {
     light.tick(50, true);
     light.tick(usize::MAX, true);
     light.click(usize::MAX);
-    assert_eq!(light.shown(), Shown::Whole);
+    assert_eq!(light.shown(), ShownLight::Whole);
 }
 
 /// The side view has the rays of the row, each up to its arrival; those of ticked rows are those of all of them.
@@ -742,7 +742,7 @@ fn the_side_view_shows_the_rays_of_a_path() {
         click(&mut window, &row.sequence);
         click(&mut window, "Side view with rays");
         finish(&mut window);
-        let Some(Rays::Found(rays)) = window.state_mut().model.light_rays() else {
+        let Some(RaysOfPaths::Found(rays)) = window.state_mut().model.light_rays() else {
             panic!("{scene}: the rays are not found")
         };
         assert_eq!(rays.num_arrivals as u64, row.num_rays, "{scene}: every ray of the row is found");
@@ -759,7 +759,7 @@ fn the_side_view_shows_the_rays_of_a_path() {
         light.tick(0, true);
         window.run();
         finish(&mut window);
-        let Some(Rays::Found(both)) = window.state_mut().model.light_rays() else {
+        let Some(RaysOfPaths::Found(both)) = window.state_mut().model.light_rays() else {
             panic!("{scene}: the rays are not found")
         };
         assert_eq!(both.num_arrivals, 100, "{scene}");
@@ -773,13 +773,13 @@ fn the_side_view_shows_the_rays_of_a_path() {
         window.run();
         finish(&mut window);
         match window.state_mut().model.light_rays() {
-            Some(Rays::Found(rays)) => {
+            Some(RaysOfPaths::Found(rays)) => {
                 let expected: u64 = ticked.chunks(4).map(|part| part.iter().sum::<u64>().min(50)).sum();
                 assert_eq!(rays.num_arrivals as u64, expected, "{scene}");
             }
             None => assert_eq!(ticked.len(), 0, "{scene}: rows without maps cannot be ticked"),
-            Some(Rays::Missing(problem)) => panic!("{scene}: {problem}"),
-            Some(Rays::Searching) => panic!("{scene}: the search does not end"),
+            Some(RaysOfPaths::Missing(problem)) => panic!("{scene}: {problem}"),
+            Some(RaysOfPaths::Searching) => panic!("{scene}: the search does not end"),
         }
         window.state_mut().model.light.click(first);
         window.run();
@@ -817,7 +817,7 @@ fn the_table_and_the_map_of_a_path_are_exported() {
     assert!(folder.path().join("image_path_2.png").exists());
     // Another trace makes the table old.
     window.state_mut().model.trace();
-    assert_eq!(window.state().model.light.stage(), Stage::None);
+    assert_eq!(window.state().model.light.stage(), TableStage::None);
     click(&mut window, "Export");
     click(&mut window, "Table of paths (CSV)");
     assert!(window.state().model.messages.last().unwrap().contains("no table of paths"));
@@ -840,9 +840,9 @@ fn a_table_is_ended_early_and_follows_the_detector() {
     let deadline = Instant::now() + Duration::from_secs(300);
     let found = loop {
         match window.state_mut().model.light_rays() {
-            Some(Rays::Found(rays)) => break rays,
-            Some(Rays::Searching) => assert!(Instant::now() < deadline),
-            Some(Rays::Missing(problem)) => panic!("{problem}"),
+            Some(RaysOfPaths::Found(rays)) => break rays,
+            Some(RaysOfPaths::Searching) => assert!(Instant::now() < deadline),
+            Some(RaysOfPaths::Missing(problem)) => panic!("{problem}"),
             None => panic!("no path is shown"),
         }
         std::thread::sleep(Duration::from_millis(10));
@@ -851,7 +851,7 @@ fn a_table_is_ended_early_and_follows_the_detector() {
     assert_eq!(found.num_arrivals as u64, path_rows(&window)[rare].num_rays);
     window.state_mut().model.run.num_rays = 1 << 40;
     click(&mut window, "Follow again");
-    while !matches!(window.state().model.light.stage(), Stage::Following(1..)) {
+    while !matches!(window.state().model.light.stage(), TableStage::Following(1..)) {
         assert!(Instant::now() < deadline, "{:?}", window.state().model.light.stage());
         std::thread::sleep(Duration::from_millis(5));
         window.run();
@@ -890,7 +890,7 @@ fn the_main_views_look_as_they_were_reviewed() {
     type Prepare = fn(&mut Model);
     let views: [(&str, &str, Prepare); 8] = [
         ("irradiance", "cooke_triplet", |model| {
-            model.marks().region = Some(Region::between(Outline::Ellipse, (-10.0, 4.0), (-4.0, 12.0)));
+            model.marks().region = Some(Region::between(RegionOutline::Ellipse, (-10.0, 4.0), (-4.0, 12.0)));
         }),
         ("irradiance_log", "cooke_triplet", |model| model.settings.scale = ScaleKind::Log),
         ("spectral", "telephoto_spectral", |model| {
@@ -909,7 +909,7 @@ fn the_main_views_look_as_they_were_reviewed() {
             model.show(TraceResult::read(&results("cooke_triplet", 1)).unwrap());
             model.hold_as_b();
             model.show(a);
-            model.settings.comparison = Comparison::Difference;
+            model.settings.comparison = ComparisonMode::Difference;
         }),
     ];
     let mut shown = Vec::new();

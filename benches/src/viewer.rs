@@ -6,7 +6,7 @@ use crate::statistics::Summary;
 use ndarray::Array2;
 use nsq_gpu::gpu::{AdapterChoice, Gpu};
 use nsq_gpu::internals::egui::{Event, Modifiers, PointerButton, Pos2, vec2};
-use nsq_gpu::internals::{App, Canvas, Device, Model, RENDERER, Settings};
+use nsq_gpu::internals::{App, Device, Model, OffscreenTexture, RENDERER, Settings};
 use nsq_gpu::result::{DetectorData, TraceResult};
 use nsq_gpu::{Error, Result};
 use serde_json::Value;
@@ -61,7 +61,7 @@ fn measure_state(state: State, adapter: Option<&str>, num_frames: usize) -> Resu
     model.trace();
     let mut app = App::new(model);
     let window = Settings::default().window;
-    let mut canvas = Canvas::new(gpu.clone(), window, 1.0, RENDERER);
+    let mut canvas = OffscreenTexture::new(gpu.clone(), window, 1.0, RENDERER);
     wait_until(&mut canvas, &mut app, |app| {
         app.frame().is_some() && (state.traces() || app.model.is_idle())
     })?;
@@ -125,7 +125,7 @@ impl State {
     }
 }
 
-fn wait_until(canvas: &mut Canvas, app: &mut App, is_ready: impl Fn(&App) -> bool) -> Result<()> {
+fn wait_until(canvas: &mut OffscreenTexture, app: &mut App, is_ready: impl Fn(&App) -> bool) -> Result<()> {
     for _ in 0..2 {
         // A ready window may ask for more in its first frame.
         while !is_ready(app) {

@@ -1,6 +1,6 @@
 //! `nsq-gpu materials`: shows what the catalog holds, and what a name stands for.
 
-use crate::scene::materials::{self, Dispersion, Entry, OPTILAND_VERSION, Resolved};
+use crate::scene::materials::{self, CatalogEntry, Dispersion, OPTILAND_VERSION, Resolved};
 use crate::{Error, Result};
 
 /// The F, d and C lines \[um\].
@@ -86,12 +86,12 @@ fn describe(name: &str, resolved: &Resolved, wavelengths: &[f64]) -> Result<Stri
 
 /// The default wavelengths \[um\]: the visible lines where the data covers them, else the ends and the middle of the
 /// data.
-fn default_wavelengths(entry: &Entry) -> [f64; 3] {
+fn default_wavelengths(entry: &CatalogEntry) -> [f64; 3] {
     let (low, high) = entry.dispersion().range();
     if (low..=high).contains(&VISIBLE_LINES[1]) { VISIBLE_LINES } else { [low, (low + high) / 2.0, high] }
 }
 
-fn dispersion(entry: &Entry) -> String {
+fn dispersion(entry: &CatalogEntry) -> String {
     let (low, high) = entry.dispersion().range();
     let kind = match entry.dispersion() {
         Dispersion::Table(table) => format!("table of {} samples", table.wavelengths().len()),
@@ -100,14 +100,14 @@ fn dispersion(entry: &Entry) -> String {
     format!("{kind}, {low} to {high} um")
 }
 
-fn extinction(entry: &Entry) -> String {
+fn extinction(entry: &CatalogEntry) -> String {
     entry.extinction().map_or("no data: 0".to_string(), |table| {
         let (low, high) = table.range();
         format!("table of {} samples, {low} to {high} um", table.wavelengths().len())
     })
 }
 
-fn table(entry: &Entry, wavelengths: &[f64]) -> String {
+fn table(entry: &CatalogEntry, wavelengths: &[f64]) -> String {
     let mut text = format!("  {:>15}  {:>12}  {:>12}\n", "wavelength [um]", "n", "k");
     for &wavelength in wavelengths {
         let (n, k) = (entry.n(wavelength), entry.k(wavelength));

@@ -7,11 +7,11 @@ use crate::error::{Error, Result};
 use crate::format::path_text;
 use crate::model::PathFilter;
 use crate::result::picture::scale::ScaleKind;
-use crate::viewer::compare::Comparison;
-use crate::viewer::light::Shown;
+use crate::viewer::light::ShownLight;
 use crate::viewer::model::Subject;
 use crate::viewer::settings::Settings;
 use crate::viewer::tracing::{Device, Notify};
+use crate::viewer::two_results::ComparisonMode;
 use crate::viewer::{App, Model, Waker, open, screenshot};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -128,7 +128,7 @@ pub fn run(args: &Args) -> Result<String> {
             let failure = app.model.failure.take();
             return Err(failure.unwrap_or_else(|| Error::Usage("nothing was traced".into())));
         }
-        if args.path_rank.is_some() && !matches!(app.model.light.shown(), Shown::Row(_)) {
+        if args.path_rank.is_some() && !matches!(app.model.light.shown(), ShownLight::Row(_)) {
             let problem = app.model.light.problem().unwrap_or("the table of paths is not ready");
             return Err(Error::Usage(format!("--path: {problem}")));
         }
@@ -187,10 +187,10 @@ fn app(args: &Args, settings: Settings, notify: Notify) -> Result<App> {
     }
     if let Some(show) = args.show {
         model.settings.comparison = match show {
-            ShowArg::A => Comparison::A,
-            ShowArg::B => Comparison::B,
-            ShowArg::Difference => Comparison::Difference,
-            ShowArg::Significance => Comparison::Significance,
+            ShowArg::A => ComparisonMode::A,
+            ShowArg::B => ComparisonMode::B,
+            ShowArg::Difference => ComparisonMode::Difference,
+            ShowArg::Significance => ComparisonMode::Significance,
         };
     }
     if let Some(name) = &args.detector {

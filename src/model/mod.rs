@@ -8,10 +8,10 @@
 pub mod bsdfs;
 pub(crate) mod checks;
 mod coating;
+mod coefficient_rows;
 pub mod depth;
 pub mod detectors;
 pub mod double_word;
-pub(crate) mod files;
 mod list;
 pub(crate) mod mesh;
 pub mod path_filter;
@@ -19,12 +19,12 @@ pub(crate) mod place;
 mod precision;
 pub mod primitives;
 pub mod ray_id;
-mod rows;
 pub mod sequence;
 pub mod shapes;
 pub mod sides;
 pub mod sources;
 pub mod surface_optics;
+pub(crate) mod whole_files;
 pub mod written;
 
 pub use crate::model::bsdfs::{
@@ -40,7 +40,8 @@ pub use crate::model::path_filter::PathFilter;
 pub use crate::model::precision::Precision;
 pub use crate::model::sequence::{End, Sequence, SequenceKey, Step, StepKind};
 pub use crate::model::shapes::{
-    Annulus, Aperture, ClippedConic, Conic, Frustum, MeshId, Outline, Profile, Shape, ShapeKind, Sphere,
+    Annulus, Aperture, AsphereProfile, ClippedConic, Conic, Frustum, MeshId, Outline, Shape, ShapeKind,
+    Sphere,
 };
 pub use crate::model::sources::{Collimated, Extended, Point, Pupil, SourceFunction, SourceKind};
 use glam::{DMat3, DVec3};

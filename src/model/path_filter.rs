@@ -38,7 +38,7 @@ pub enum Term {
     /// Some term holds.
     Any(Vec<Term>),
     /// A number of events compares so with a constant.
-    Compare(Count, Comparison, u32),
+    Compare(Count, Relation, u32),
     /// The mark of this number is set.
     Marked(usize),
     /// The sequence matches the pattern of this number.
@@ -61,7 +61,7 @@ pub enum Count {
 /// How two numbers compare.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[allow(missing_docs, reason = "the names say it")]
-pub enum Comparison {
+pub enum Relation {
     Equal,
     Unequal,
     Less,
@@ -129,30 +129,30 @@ impl Count {
     }
 }
 
-impl Comparison {
+impl Relation {
     /// All comparisons, by their signs. A sign that begins another one comes after it.
-    pub const ALL: [(&'static str, Comparison); 6] = [
-        ("==", Comparison::Equal),
-        ("!=", Comparison::Unequal),
-        ("<=", Comparison::AtMost),
-        (">=", Comparison::AtLeast),
-        ("<", Comparison::Less),
-        (">", Comparison::Greater),
+    pub const ALL: [(&'static str, Relation); 6] = [
+        ("==", Relation::Equal),
+        ("!=", Relation::Unequal),
+        ("<=", Relation::AtMost),
+        (">=", Relation::AtLeast),
+        ("<", Relation::Less),
+        (">", Relation::Greater),
     ];
 
     /// The sign.
     pub fn sign(self) -> &'static str {
-        Comparison::ALL.iter().find(|(_, known)| *known == self).map_or("", |(sign, _)| sign)
+        Relation::ALL.iter().find(|(_, known)| *known == self).map_or("", |(sign, _)| sign)
     }
 
     fn holds(self, left: u32, right: u32) -> bool {
         match self {
-            Comparison::Equal => left == right,
-            Comparison::Unequal => left != right,
-            Comparison::Less => left < right,
-            Comparison::AtMost => left <= right,
-            Comparison::Greater => left > right,
-            Comparison::AtLeast => left >= right,
+            Relation::Equal => left == right,
+            Relation::Unequal => left != right,
+            Relation::Less => left < right,
+            Relation::AtMost => left <= right,
+            Relation::Greater => left > right,
+            Relation::AtLeast => left >= right,
         }
     }
 }

@@ -15,7 +15,7 @@ use std::collections::BTreeMap;
 
 /// What is wrong with the sides of a scene.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct WrongSides {
+pub struct SideFaults {
     /// Groups of faces that agree with all others once they are turned, as indices of surfaces.
     pub turned: Vec<Vec<usize>>,
     /// Ways on which faces still disagree then, one for each side that they start from.
@@ -62,7 +62,7 @@ struct Link {
 }
 
 /// Looks at the sides of boundaries. `most_work` limits the search, as [`MOST_WORK`] does for `check`.
-pub fn wrong_sides(ir: &SceneIr, most_work: usize) -> WrongSides {
+pub fn wrong_sides(ir: &SceneIr, most_work: usize) -> SideFaults {
     let (links, num_unseen) = links(ir, most_work);
     let ambient = ambient(ir);
     let mut is_turned = vec![false; ir.surfaces.len()];
@@ -70,7 +70,7 @@ pub fn wrong_sides(ir: &SceneIr, most_work: usize) -> WrongSides {
         let there = |side: Side| medium(ir, side, is_turned(side.surface));
         there(link.from) == link.to.map_or(ambient, there)
     };
-    let mut found = WrongSides { num_unseen, ..WrongSides::default() };
+    let mut found = SideFaults { num_unseen, ..SideFaults::default() };
     let is_in_order = links.iter().all(|link| agrees(link, &|_| false));
     if is_in_order {
         return found;

@@ -20,7 +20,7 @@ use crate::paths::layout::{self, PathTableSize};
 use crate::paths::wgsl::PathShader;
 use crate::program::RayRange;
 use crate::program::layout::bindings;
-use crate::result::paths::Places;
+use crate::result::light_paths::Places;
 use crate::result::{RaySet, Tally};
 use std::time::Instant;
 

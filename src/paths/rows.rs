@@ -7,7 +7,7 @@ use crate::model::{SceneIr, Sequence};
 use crate::paths::maps::{PathMaps, WantedMaps, Watched, trace_maps};
 use crate::program::Sampler;
 use crate::result::detectors::bins::pixel_area;
-use crate::result::paths::{Group, Places, groups};
+use crate::result::light_paths::{Group, Places, groups};
 use crate::result::{
     Detector, DetectorTally, FluxSum, FluxUnit, Grouping, LightPath, PathSum, PathTable, PathTally, Sorting,
     Tally,

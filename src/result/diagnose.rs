@@ -2,7 +2,7 @@
 
 use crate::format::{listed, percent, shown, significant, thousands};
 use crate::model::{SceneIr, depth};
-use crate::result::wrong_sides;
+use crate::result::wrong_side_warnings;
 use crate::result::{
     Detector, DetectorDiagnostic, DetectorTally, Diagnostics, StoppedBy, Tally, TraceResult, Uncertainty,
 };
@@ -96,7 +96,7 @@ impl Diagnostics {
                 .map(|detector| DetectorDiagnostic::new(detector, result.num_rays_total))
                 .collect(),
             medium_stack_underflows: tally.medium_stack_underflows,
-            wrong_sides: wrong_sides::of(ir, tally),
+            wrong_sides: wrong_side_warnings::of(ir, tally),
             split_budget_saturated: tally.split_budget_saturated,
             stage_times: result.run.stage_times.clone(),
             warnings: Vec::new(),

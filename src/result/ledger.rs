@@ -7,7 +7,7 @@ use crate::result::{FluxSum, FluxUnit, Tally};
 
 /// One line of the ledger.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-pub struct Entry {
+pub struct LedgerEntry {
     /// Rays or events.
     pub count: u64,
     /// Their quanta, exact.
@@ -22,38 +22,38 @@ pub struct Entry {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Ledger {
     /// Rays launched.
-    pub launched: Entry,
+    pub launched: LedgerEntry,
     /// Weight gained by survivors of roulette.
-    pub roulette_gain: Entry,
+    pub roulette_gain: LedgerEntry,
     /// Weight gained where a branch was drawn less often than its share.
-    pub importance_gain: Entry,
+    pub importance_gain: LedgerEntry,
     /// Weight gained where rays were scattered less often than their share, or where a BSDF exceeds that which was drawn.
-    pub bsdf_gain: Entry,
+    pub bsdf_gain: LedgerEntry,
     /// Recorded by detectors that end rays; every ray, also those that a ray database did not keep.
-    pub detected: Entry,
+    pub detected: LedgerEntry,
     /// Ended on absorbing surfaces.
-    pub absorbed: Entry,
+    pub absorbed: LedgerEntry,
     /// Taken by mirrors.
-    pub surface: Entry,
+    pub surface: LedgerEntry,
     /// Taken by coatings.
-    pub coating: Entry,
+    pub coating: LedgerEntry,
     /// Taken by scattering surfaces.
-    pub bsdf: Entry,
+    pub bsdf: LedgerEntry,
     /// Taken by absorbing media.
-    pub bulk: Entry,
+    pub bulk: LedgerEntry,
     /// Met nothing any more.
-    pub escaped: Entry,
+    pub escaped: LedgerEntry,
     /// Reached the largest number of events.
-    pub depth: Entry,
+    pub depth: LedgerEntry,
     /// Ended by roulette.
-    pub roulette_loss: Entry,
+    pub roulette_loss: LedgerEntry,
     /// Weight lost where a branch was drawn more often than its share.
-    pub importance_loss: Entry,
+    pub importance_loss: LedgerEntry,
     /// Recorded by no detector, because a filter of paths kept the rays that ended on detectors from maps.
     #[serde(default)]
-    pub filtered_out: Entry,
+    pub filtered_out: LedgerEntry,
     /// Read in passing by transmissive detectors: a memo, no part of the balance.
-    pub tapped: Entry,
+    pub tapped: LedgerEntry,
     /// Sources minus destinations \[quanta\]; anything but 0 is a defect of this program.
     #[serde(serialize_with = "as_string", deserialize_with = "from_string")]
     pub imbalance_quanta: i128,
@@ -63,17 +63,17 @@ pub struct Ledger {
     pub invalid_deposits: u64,
 }
 
-impl Entry {
+impl LedgerEntry {
     /// The line of a sum.
     pub fn new(flux_sum: FluxSum, unit: FluxUnit) -> Self {
-        Entry { count: flux_sum.count, quanta: flux_sum.quanta, flux: unit.watts(flux_sum.quanta) }
+        LedgerEntry { count: flux_sum.count, quanta: flux_sum.quanta, flux: unit.watts(flux_sum.quanta) }
     }
 }
 
 impl Ledger {
     /// The ledger of a trace.
     pub fn new(ir: &SceneIr, tally: &Tally, unit: FluxUnit) -> Self {
-        let entry = |flux_sum| Entry::new(flux_sum, unit);
+        let entry = |flux_sum| LedgerEntry::new(flux_sum, unit);
         let detectors = |absorb: bool| {
             let detectors = ir
                 .detectors
@@ -123,7 +123,7 @@ impl Ledger {
     }
 
     /// What came in: launched, and gained by sampling.
-    pub fn sources(&self) -> [(&'static str, Entry); 4] {
+    pub fn sources(&self) -> [(&'static str, LedgerEntry); 4] {
         [
             ("launched", self.launched),
             ("roulette gain", self.roulette_gain),
@@ -133,7 +133,7 @@ impl Ledger {
     }
 
     /// Where it went.
-    pub fn destinations(&self) -> [(&'static str, Entry); 11] {
+    pub fn destinations(&self) -> [(&'static str, LedgerEntry); 11] {
         [
             ("detected", self.detected),
             ("absorbed", self.absorbed),
@@ -150,7 +150,7 @@ impl Ledger {
     }
 
     fn imbalance(&self) -> i128 {
-        let sum = |lines: &[(&str, Entry)]| lines.iter().map(|(_, entry)| entry.quanta).sum::<u128>();
+        let sum = |lines: &[(&str, LedgerEntry)]| lines.iter().map(|(_, entry)| entry.quanta).sum::<u128>();
         // Two's complement: the difference is right whichever sum is the larger.
         sum(&self.sources()).wrapping_sub(sum(&self.destinations())) as i128
     }

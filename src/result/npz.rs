@@ -14,7 +14,7 @@ use zip::write::SimpleFileOptions;
 
 use crate::error::{Error, Result};
 use crate::placing::step;
-use crate::result::rows::{self, Rows};
+use crate::result::ray_rows::{self, Rows};
 
 /// Takes the arrays of a result: into an `.npz` file, or into memory.
 pub(crate) struct ArrayWriter(Destination);
@@ -211,7 +211,7 @@ impl<'a> Column<'a, Encode<'a>> {
 
     /// The column of wavelengths.
     pub(crate) fn wavelength(rows: &'a Rows, wavelengths: &'a [f64]) -> Self {
-        Column::f64(rows, rows::BOUNCE_AND_WAVELENGTH, |word| wavelengths[rows::wavelength_of(word)])
+        Column::f64(rows, ray_rows::BOUNCE_AND_WAVELENGTH, |word| wavelengths[ray_rows::wavelength_of(word)])
     }
 
     fn f64(rows: &'a Rows, word: usize, value: impl Fn(u64) -> f64 + 'a) -> Self {

@@ -13,8 +13,8 @@ use std::path::{Component, Path, PathBuf};
 
 use crate::error::{Error, Result};
 use crate::placing::{self, Journal, Lock, Scratch, step};
+pub use crate::result::file_names::{GRADIENTS, PATHS, RAY_PATHS, REPORT, TALLY};
 use crate::result::integrity::{self, FileHash, Meta, NO_HASH, hex};
-pub use crate::result::names::{GRADIENTS, PATHS, RAY_PATHS, REPORT, TALLY};
 use crate::result::png::Style;
 use crate::result::report::Files;
 use crate::result::{Detector, Report, TraceResult, npz_files, png};

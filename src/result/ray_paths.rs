@@ -8,7 +8,7 @@ use ndarray::Array1;
 use crate::error::Result;
 use crate::model::SceneIr;
 use crate::result::npz::{ArrayWriter, Column};
-use crate::result::rows::{self, Rows};
+use crate::result::ray_rows::{self, Rows};
 use crate::result::{FluxUnit, PathEventKind};
 
 /// Events of recorded rays, by launched ray and id ([`crate::model::ray_id::order`]), then in the order in which they happened.
@@ -91,25 +91,26 @@ impl RayPaths {
         let rows = &self.rows;
         let kinds = self.kinds()?;
         let id = |word: u64, bytes: &mut Vec<u8>| bytes.extend((word as i64).to_le_bytes());
-        file.add_column("ray_id", &Column::new(rows, rows::RAY_ID, "<i8", 8, id))?;
+        file.add_column("ray_id", &Column::new(rows, ray_rows::RAY_ID, "<i8", 8, id))?;
         self.add_text(file, "event_type", &kinds, |kind| kind.event_type())?;
-        for (word, name) in (rows::POSITION..).zip(["x", "y", "z", "L", "M", "N"]) {
+        for (word, name) in (ray_rows::POSITION..).zip(["x", "y", "z", "L", "M", "N"]) {
             file.add_column(name, &Column::real(rows, word, |x| x))?;
         }
         let flux = |weight| self.unit.watts_of_weight(weight);
-        file.add_column("flux", &Column::real(rows, rows::WEIGHT, flux))?;
+        file.add_column("flux", &Column::real(rows, ray_rows::WEIGHT, flux))?;
         file.add_column("wavelength", &Column::wavelength(rows, &self.wavelengths))?;
-        let bounce = |word, bytes: &mut Vec<u8>| bytes.extend((rows::bounce_of(word) as i32).to_le_bytes());
-        file.add_column("bounce", &Column::new(rows, rows::BOUNCE_AND_WAVELENGTH, "<i4", 4, bounce))?;
+        let bounce =
+            |word, bytes: &mut Vec<u8>| bytes.extend((ray_rows::bounce_of(word) as i32).to_le_bytes());
+        file.add_column("bounce", &Column::new(rows, ray_rows::BOUNCE_AND_WAVELENGTH, "<i4", 4, bounce))?;
         self.add_text(file, "component_name", &kinds, |kind| self.name(kind))
     }
 
     /// What happened at all, by the words of the rows.
     fn kinds(&self) -> Result<BTreeMap<u64, PathEventKind>> {
         let mut kinds = BTreeMap::new();
-        self.rows.for_each_block(rows::KIND, |words| {
+        self.rows.for_each_block(ray_rows::KIND, |words| {
             words.iter().for_each(|&word| {
-                kinds.entry(word).or_insert_with(|| rows::kind_of(word));
+                kinds.entry(word).or_insert_with(|| ray_rows::kind_of(word));
             });
             Ok(())
         })?;
@@ -125,7 +126,7 @@ impl RayPaths {
         text_of: impl Fn(PathEventKind) -> &'a str,
     ) -> Result<()> {
         let texts: BTreeMap<u64, &str> = kinds.iter().map(|(&word, &kind)| (word, text_of(kind))).collect();
-        file.add_text_column(name, &self.rows, rows::KIND, &texts)
+        file.add_text_column(name, &self.rows, ray_rows::KIND, &texts)
     }
 
     fn name(&self, kind: PathEventKind) -> &str {

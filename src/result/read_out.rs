@@ -6,7 +6,7 @@ use crate::result::detectors::Sums;
 use crate::result::uncertainty::worst_relative_error;
 use crate::result::{
     Detector, Diagnostics, FluxUnit, Grouping, Ledger, PathTable, RayPaths, Recorded, RunInfo, SurfaceKind,
-    SurfaceResult, Tally, TraceResult, Uncertainty, check_shape, paths,
+    SurfaceResult, Tally, TraceResult, Uncertainty, check_shape, light_paths,
 };
 
 impl TraceResult {
@@ -80,7 +80,7 @@ fn path_table(ir: &SceneIr, run: &RunInfo, tally: &Tally, unit: FluxUnit) -> Opt
     let sums = tally.path_sums.as_ref()?;
     let grouping = Grouping::Sequence;
     // The errors of Sobol's points are not those of independent draws.
-    let groups = paths::groups(ir, tally, sums, unit, grouping, run.sampler == "pcg");
+    let groups = light_paths::groups(ir, tally, sums, unit, grouping, run.sampler == "pcg");
     Some(PathTable::new(ir, sums, unit, grouping, None, groups.into_iter().map(|group| group.row)))
 }
 

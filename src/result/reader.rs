@@ -9,9 +9,9 @@ use serde_json::{Map, Value};
 
 use crate::error::{Error, Result};
 use crate::result::integrity::{self, Meta};
+use crate::result::light_paths::OtherLight;
 use crate::result::output::REPORT;
-use crate::result::paths::OtherLight;
-use crate::result::stored::{Entry, Stored};
+use crate::result::stored::{DetectorEntry, Stored};
 use crate::result::{Detector, DetectorData, LightPath, PathTable, RunInfo, TraceResult, report};
 
 /// What `report.json` has beside the fields of [`RunInfo`] and [`TraceResult`].
@@ -77,7 +77,7 @@ fn typed<T: DeserializeOwned>(path: &Path, value: &Value) -> Result<T> {
     T::deserialize(value).map_err(|error| Error::file(path, format!("is damaged: {error}")))
 }
 
-fn detector(dir: &Path, name: &str, entry: Entry, meta: Option<&Meta>) -> Result<Detector> {
+fn detector(dir: &Path, name: &str, entry: DetectorEntry, meta: Option<&Meta>) -> Result<Detector> {
     let path = dir.join(REPORT);
     let file = entry.file.as_ref().ok_or_else(|| {
         Error::file(&path, format!("names no file of detector '{name}'; write one with `trace -o`"))

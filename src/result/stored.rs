@@ -17,7 +17,7 @@ use crate::result::FewRays;
 
 /// What the report says of one detector.
 #[derive(Debug, Clone, Deserialize)]
-pub(crate) struct Entry {
+pub(crate) struct DetectorEntry {
     pub kind: String,
     pub absorb: bool,
     pub total_flux: f64,
@@ -48,7 +48,7 @@ pub(crate) struct FrameEntry {
 /// An entry of a report, and the `.npz` file that it names.
 pub(crate) struct Stored {
     /// What the report says.
-    pub entry: Entry,
+    pub entry: DetectorEntry,
     name: String,
     report: PathBuf,
     path: PathBuf,
@@ -85,7 +85,7 @@ fn check_claims(file: &File) -> std::result::Result<(), String> {
 
 impl Stored {
     /// Opens the file of a detector, whose entry stands in a report.
-    pub(crate) fn open(report: PathBuf, name: &str, entry: Entry, path: PathBuf) -> Result<Self> {
+    pub(crate) fn open(report: PathBuf, name: &str, entry: DetectorEntry, path: PathBuf) -> Result<Self> {
         let reader = open(&path)?;
         Ok(Stored { entry, name: name.into(), report, path, reader })
     }

@@ -2,7 +2,7 @@
 //!
 //! Two things differ from serde_json's own deserializer. An enum is read from an object by its `type` key without
 //! buffering, so that paths stay whole; and an enum can take other JSON kinds by variants named `$null`, `$number`,
-//! `$string` and `$object` (an object without `type`). Numbers accept the strings that [`crate::scene::text`] writes for the
+//! `$string` and `$object` (an object without `type`). Numbers accept the strings that [`crate::scene::json_text`] writes for the
 //! non-finite ones.
 
 use indexmap::IndexMap;
@@ -15,8 +15,8 @@ use serde_json::Number;
 use serde_path_to_error::Segment;
 
 use crate::model::place::{did_you_mean, key_of, quoted, ticked};
-use crate::scene::text::is_too_large;
-use crate::scene::tree::{Array, Value, View};
+use crate::scene::json_text::is_too_large;
+use crate::scene::json_tree::{Array, Value, View};
 use crate::{Error, Result};
 
 /// The key that names the kind of an object.

@@ -10,8 +10,8 @@ use std::path::Path;
 use glam::DVec3;
 
 use crate::model::checks::MAX_LENGTH;
-use crate::model::files;
 use crate::model::place::quoted;
+use crate::model::whole_files;
 use crate::model::{Mesh, area_vector};
 use crate::{Error, Result};
 
@@ -48,8 +48,8 @@ pub(super) fn read(path: &Path, place: &str) -> Result<MeshFile> {
             return Err(Error::scene(place, problem, "convert the mesh to one of the two"));
         }
     };
-    let bytes =
-        files::read(path, MAX_BYTES).map_err(|err| Error::file(path, format!("{err}; {place} names it")))?;
+    let bytes = whole_files::read(path, MAX_BYTES)
+        .map_err(|err| Error::file(path, format!("{err}; {place} names it")))?;
     let file = parse(&bytes).map_err(|err| {
         Error::file(path, format!("{}: {}; {place} names the file", err.place, err.problem))
     })?;
@@ -61,7 +61,7 @@ pub(super) fn read(path: &Path, place: &str) -> Result<MeshFile> {
 
 /// The text of a file whose lines end as other readers take them to.
 fn lines_of(bytes: &[u8]) -> Checked<String> {
-    let text = files::text(bytes);
+    let text = whole_files::text(bytes);
     if text.contains('\r') && !text.contains('\n') {
         return Err(Malformed {
             place: "line 1".into(),
@@ -118,7 +118,7 @@ fn stl(bytes: &[u8]) -> Checked<MeshFile> {
     }
     let is_utf_16 = matches!(bytes, [0xFF, 0xFE, ..] | [0xFE, 0xFF, ..]);
     if is_utf_16 || !bytes.contains(&0) {
-        let text = files::text(bytes);
+        let text = whole_files::text(bytes);
         let has = |word: &str| text.split_whitespace().any(|other| other.eq_ignore_ascii_case(word));
         if has("facet") || has("solid") {
             return ascii_stl(&lines_of(bytes)?);

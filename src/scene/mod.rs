@@ -10,23 +10,23 @@ mod compounds;
 mod de;
 pub(crate) mod detectors;
 mod elements;
-#[allow(clippy::wildcard_enum_match_arm, reason = "JSON's kinds of values are not the scene's")]
-pub(crate) mod entries;
 mod frame;
 pub mod json;
+mod json_text;
+#[allow(clippy::wildcard_enum_match_arm, reason = "JSON's kinds of values are not the scene's")]
+mod json_tree;
 mod lower;
 pub mod materials;
 mod media;
 mod mesh_files;
 mod meshes;
+#[allow(clippy::wildcard_enum_match_arm, reason = "JSON's kinds of values are not the scene's")]
+pub(crate) mod named_entries;
 pub mod notes;
 #[allow(clippy::wildcard_enum_match_arm, reason = "JSON's kinds of values are not the scene's")]
 pub(crate) mod parameters;
-pub mod path_filter;
+pub mod path_expression;
 mod surfaces;
-mod text;
-#[allow(clippy::wildcard_enum_match_arm, reason = "JSON's kinds of values are not the scene's")]
-mod tree;
 pub(crate) mod units;
 mod validate;
 mod volume;
@@ -38,7 +38,7 @@ use serde_json::Value;
 
 use crate::format::path_text;
 use crate::model::place::{quoted, ticked};
-use crate::model::{Mesh, Precision, files};
+use crate::model::{Mesh, Precision, whole_files};
 use crate::scene::json::SceneFile;
 pub(crate) use crate::scene::media::MediaTable;
 pub(crate) use crate::scene::surfaces::SceneSurface;
@@ -85,7 +85,8 @@ impl Scene {
     /// # Errors
     /// [`Error::File`] if it cannot be read, [`Error::Scene`] if it is no text.
     pub fn text(path: &Path) -> Result<String> {
-        let bytes = files::read(path, text::MAX_BYTES as u64).map_err(|err| Error::file(path, err))?;
+        let bytes =
+            whole_files::read(path, json_text::MAX_BYTES as u64).map_err(|err| Error::file(path, err))?;
         if path.extension().and_then(|end| end.to_str()).is_some_and(|end| {
             PRESCRIPTIONS.iter().any(|prescription| prescription.eq_ignore_ascii_case(end))
         }) {
@@ -116,7 +117,7 @@ impl Scene {
     /// [`Error::Scene`] with the place if it cannot be traced as written, [`Error::Usage`] for a name of nothing, and for
     /// a number that is set twice.
     pub fn with_numbers(text: &str, folder: &Path, numbers: &[(String, f64)]) -> Result<Self> {
-        let mut tree = text::parse(text)?;
+        let mut tree = json_text::parse(text)?;
         parameters::set_all(&mut tree, numbers)?;
         Self::of_tree(&tree, folder)
     }
@@ -126,7 +127,7 @@ impl Scene {
     /// # Errors
     /// [`Error::Scene`] if the text is no JSON, [`Error::Usage`] for a name of nothing.
     pub fn numbers(text: &str, names: &[String]) -> Result<Vec<f64>> {
-        let tree = text::parse(text)?;
+        let tree = json_text::parse(text)?;
         let number = |name: &String| {
             parameters::get(&tree, name).or_else(|error| {
                 // A key that is misspelt has a better word than one that the file leaves out.
@@ -145,10 +146,10 @@ impl Scene {
     }
 
     fn read(text: &str, folder: &Path) -> Result<Self> {
-        Self::of_tree(&text::parse(text)?, folder)
+        Self::of_tree(&json_text::parse(text)?, folder)
     }
 
-    fn of_tree(tree: &tree::Value, folder: &Path) -> Result<Self> {
+    fn of_tree(tree: &json_tree::Value, folder: &Path) -> Result<Self> {
         check_versions(tree)?;
         let file: SceneFile = de::typed(tree)?;
         let mut warnings = Vec::new();
@@ -193,7 +194,7 @@ fn unescape(schema: &mut Value) {
 }
 
 /// Versions come first, so that a file of another version is not blamed for its keys.
-fn check_versions(tree: &tree::Value) -> Result<()> {
+fn check_versions(tree: &json_tree::Value) -> Result<()> {
     let Some(object) = tree.object() else {
         return Err(Error::scene("the scene file", "it does not hold an object", "write { ... }"));
     };
@@ -205,22 +206,23 @@ fn check_versions(tree: &tree::Value) -> Result<()> {
         ));
     };
     check_version("nsq_schema_version", version, NSQ_SCHEMA_VERSION)?;
-    let block = object.get("nsq_gpu").and_then(tree::Value::object);
+    let block = object.get("nsq_gpu").and_then(json_tree::Value::object);
     match block.and_then(|block| block.get("version")) {
         Some(version) => check_version("nsq_gpu.version", version, BLOCK_VERSION),
         None => Ok(()),
     }
 }
 
-fn check_version(place: &str, found: &tree::Value, read: u64) -> Result<()> {
+fn check_version(place: &str, found: &json_tree::Value, read: u64) -> Result<()> {
     let found = match found {
         // Optiland, too, takes 1.0 for 1.
-        tree::Value::Number(number) if number.as_f64() == Some(read as f64) => return Ok(()),
-        tree::Value::Number(number) => ticked(&number.to_string()),
-        tree::Value::String(text) => quoted(text),
-        tree::Value::Null | tree::Value::Bool(_) | tree::Value::Array(_) | tree::Value::Object(_) => {
-            "of another kind".to_owned()
-        }
+        json_tree::Value::Number(number) if number.as_f64() == Some(read as f64) => return Ok(()),
+        json_tree::Value::Number(number) => ticked(&number.to_string()),
+        json_tree::Value::String(text) => quoted(text),
+        json_tree::Value::Null
+        | json_tree::Value::Bool(_)
+        | json_tree::Value::Array(_)
+        | json_tree::Value::Object(_) => "of another kind".to_owned(),
     };
     Err(Error::scene(
         place,

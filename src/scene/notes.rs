@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use crate::format::{MOST_NAMES, listed, shown, significant, thousands};
 use crate::model::shapes::FrontSide;
-use crate::model::sides::{Disagreement, MOST_WORK, WrongSides, wrong_sides};
+use crate::model::sides::{Disagreement, MOST_WORK, SideFaults, wrong_sides};
 use crate::model::surface_optics::reflectance;
 use crate::model::{Bsdf, DetectorKind, Frame, Interaction, Scatter, SceneIr, Shape, Surface};
 
@@ -20,7 +20,7 @@ pub fn of(ir: &SceneIr) -> Vec<String> {
 // Sides
 
 /// What is wrong with the sides of a scene, and what would be right.
-pub fn of_sides(ir: &SceneIr, found: &WrongSides) -> Vec<String> {
+pub fn of_sides(ir: &SceneIr, found: &SideFaults) -> Vec<String> {
     let mut notes: Vec<String> = found.turned.iter().map(|group| turned(ir, group)).collect();
     let more = found.disagreements.len().saturating_sub(MOST_NAMES);
     notes.extend(found.disagreements.iter().take(MOST_NAMES).map(|one| disagreement(ir, one)));

@@ -11,8 +11,8 @@
 use crate::error::{Error, Result};
 use crate::model::place::{did_you_mean, quoted, ticked};
 use crate::scene::elements::{Elements, Moved};
-use crate::scene::entries::{FRAME, Step, at, at_mut, entries, frames, inner, key, parts};
-use crate::scene::tree::{Array, Value, View};
+use crate::scene::json_tree::{Array, Value, View};
+use crate::scene::named_entries::{FRAME, Step, at, at_mut, entries, frames, inner, key, parts};
 use serde_json::Number;
 
 /// The number of this name, where the file has it; a frame's default is 0. A flat face has an infinite radius.
@@ -247,10 +247,10 @@ fn find(tree: &Value, elements: &Elements, name: &str) -> Result<Found> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::text;
+    use crate::scene::json_text;
 
     fn scene() -> Value {
-        text::parse(
+        json_text::parse(
             r#"{"nsq_schema_version": 1,
                 "components": [{"type": "lens", "name": "L1", "cs": {"z": 3.0}, "config": {"r1": 50.0, "material": "N-BK7"}}],
                 "sources": [{"name": "lamp", "cs": {}, "total_flux": 1.0}, {"name": "beam", "cs": {}}],

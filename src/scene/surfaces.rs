@@ -5,7 +5,7 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use crate::model::bsdfs::{Labelled, Reading};
+use crate::model::bsdfs::{BsdfContext, Labelled};
 use crate::model::place::{did_you_mean, key_of, quoted};
 use crate::model::{self, Frame};
 use crate::scene::compounds::Part;
@@ -37,7 +37,7 @@ pub(super) fn build(
     folder: &Path,
     warnings: &mut Vec<String>,
 ) -> Result<Vec<SceneSurface>> {
-    let reading = &mut Reading { folder, warnings };
+    let reading = &mut BsdfContext { folder, warnings };
     let none = BTreeMap::new();
     let overrides = file.nsq_gpu.as_ref().map_or(&none, |block| &block.overrides);
     let mut groups = Vec::new();
@@ -78,7 +78,7 @@ fn finish(
     part: Part,
     overrides: &BTreeMap<String, Override>,
     wavelengths: &[f64],
-    reading: &mut Reading<'_>,
+    reading: &mut BsdfContext<'_>,
 ) -> Result<SceneSurface> {
     let place = key_of("nsq_gpu.overrides", &part.name);
     let change = overrides.get(&part.name);
@@ -110,7 +110,7 @@ fn single(
     place: &str,
     wavelengths: &[f64],
     mesh: Option<Placed>,
-    reading: &mut Reading<'_>,
+    reading: &mut BsdfContext<'_>,
 ) -> Result<SceneSurface> {
     let finish = Finish {
         kind: raw.interaction,
@@ -200,7 +200,12 @@ impl Finish<'_> {
     }
 
     /// An absorbing surface scatters nothing, as in Optiland.
-    fn scatter(&self, name: &str, place: &str, reading: &mut Reading<'_>) -> Result<Option<model::Scatter>> {
+    fn scatter(
+        &self,
+        name: &str,
+        place: &str,
+        reading: &mut BsdfContext<'_>,
+    ) -> Result<Option<model::Scatter>> {
         let absorbs = self.kind == Interaction::Absorbing;
         for (what, given) in [("BSDF", self.bsdf.is_some()), ("coating", self.coating.is_some())] {
             if absorbs && given {

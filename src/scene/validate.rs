@@ -8,11 +8,11 @@ use crate::model::Sampling;
 use crate::model::checks::{between, conic_constant, fraction, position, radius, refuse, size};
 use crate::model::place::{did_you_mean, key_of, quoted};
 use crate::scene::elements;
-use crate::scene::entries::placed;
 use crate::scene::json::{
     Block, Component, CoordinateSystem, Detector, Doublet, Lens, Medium, Mirror, Override, RawSurface,
     ReflectProb, Reflectance, SamplingPolicy, ScatterFraction, SceneFile, Source, Spectrum,
 };
+use crate::scene::named_entries::placed;
 
 /// Wavelengths above are nanometres by mistake \[um\]; Optiland's limit.
 const MAX_WAVELENGTH: f64 = 20.0;

@@ -18,18 +18,18 @@ impl App {
         ui.ctx().set_theme(theme);
         self.shortcuts(ui);
         self.dropped_files(ui);
-        Panel::top("run").show(ui, |ui| views::run::show(self, ui));
+        Panel::top("run").show(ui, |ui| views::run_bar::show(self, ui));
         Panel::left("detectors")
             .default_size(228.0)
             .size_range(190.0..=360.0)
-            .show(ui, |ui| views::detectors::show(self, ui));
+            .show(ui, |ui| views::left_panel::show(self, ui));
         // In a narrow window the figures give way to the table of paths.
         let has_paths = self.model.light.is_open;
         if !has_paths || ui.ctx().content_rect().width() >= WIDE {
             Panel::right("figures")
                 .default_size(272.0)
                 .size_range(240.0..=420.0)
-                .show(ui, |ui| views::figures::show(self, ui));
+                .show(ui, |ui| views::right_panel::show(self, ui));
         }
         if has_paths {
             let most = (ui.available_width() - 260.0).max(340.0);
@@ -37,18 +37,18 @@ impl App {
                 .resizable(true)
                 .default_size(500.0_f32.min(most))
                 .size_range(340.0..=most)
-                .show(ui, |ui| views::paths::show(self, ui));
+                .show(ui, |ui| views::paths_panel::show(self, ui));
         }
         if matches!(self.model.subject, Subject::Detector(_)) {
             Panel::bottom("curves")
                 .resizable(true)
                 .default_size(230.0)
                 .size_range(140.0..=480.0)
-                .show(ui, |ui| views::curves::show(self, ui));
+                .show(ui, |ui| views::curves_below::show(self, ui));
         }
         CentralPanel::default().show(ui, |ui| match &self.model.subject {
-            Subject::Scene => views::scene::show(self, ui),
-            Subject::Detector(_) => views::detector::show(self, ui),
+            Subject::Scene => views::side_view::show(self, ui),
+            Subject::Detector(_) => views::detector_plot::show(self, ui),
         });
     }
 
@@ -73,10 +73,10 @@ impl App {
             }
         }
         if pressed(Key::S) {
-            views::detectors::toggle_scene(&mut self.model);
+            views::left_panel::toggle_scene(&mut self.model);
         }
         if pressed(Key::Space) {
-            views::run::toggle_pause(&self.model);
+            views::run_bar::toggle_pause(&self.model);
         }
     }
 

@@ -6,7 +6,7 @@ use ndarray::{Array2, Axis, Ix2};
 
 /// How the cells of a field lie in the plane of a plot.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Geometry {
+pub enum CellGeometry {
     /// Equal rectangles.
     Rectangles,
     /// Directions as a disc: the polar angle grows from the middle, and the azimuth turns counter-clockwise from the
@@ -18,7 +18,7 @@ pub enum Geometry {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Field {
     /// How the cells lie in the plane.
-    pub geometry: Geometry,
+    pub geometry: CellGeometry,
     /// What the plot spans.
     pub x_range: (f64, f64),
     /// What the plot spans.
@@ -82,7 +82,7 @@ impl Field {
         let length = |Span { range: (low, high), .. }: Span| high - low;
         let area = (length(map.x) / columns as f64) * (length(map.y) / rows as f64);
         Some(Field {
-            geometry: Geometry::Rectangles,
+            geometry: CellGeometry::Rectangles,
             x_range: map.x.range,
             y_range: map.y.range,
             labels: Labels { x: map.x.label, y: map.y.label, value: map.quantity, flux: "W" },
@@ -130,7 +130,7 @@ impl Field {
     fn over_pixels((width, height): (f64, f64), values: Array2<f64>, hits: Array2<u64>) -> Field {
         let (rows, columns) = values.dim();
         Field {
-            geometry: Geometry::Rectangles,
+            geometry: CellGeometry::Rectangles,
             x_range: (-width / 2.0, width / 2.0),
             y_range: (-height / 2.0, height / 2.0),
             labels: IRRADIANCE,
@@ -142,14 +142,14 @@ impl Field {
     }
 
     /// Intensity over directions.
-    pub fn of_far_field(pattern: &FarFieldPattern, geometry: Geometry) -> Field {
+    pub fn of_far_field(pattern: &FarFieldPattern, geometry: CellGeometry) -> Field {
         let (rows, columns) = pattern.intensity.dim();
         let limit = crate::result::detectors::far_field::THETA_MAX;
         let (d_theta, d_phi) = ((limit / rows as f64).to_radians(), (360.0 / columns as f64).to_radians());
         let measure = |theta: &f64| theta.to_radians().sin() * d_theta * d_phi;
         let (x_range, y_range, labels) = match geometry {
-            Geometry::Polar => ((-limit, limit), (-limit, limit), INTENSITY),
-            Geometry::Rectangles => (
+            CellGeometry::Polar => ((-limit, limit), (-limit, limit), INTENSITY),
+            CellGeometry::Rectangles => (
                 (-180.0, 180.0),
                 (0.0, limit),
                 Labels { x: ("azimuth φ", "°"), y: ("polar angle θ", "°"), ..INTENSITY },
@@ -194,8 +194,8 @@ impl Field {
             (part >= 0.0 && part < bins as f64).then_some(part as usize)
         };
         match self.geometry {
-            Geometry::Rectangles => Some((bin(y, self.y_range, rows)?, bin(x, self.x_range, columns)?)),
-            Geometry::Polar => {
+            CellGeometry::Rectangles => Some((bin(y, self.y_range, rows)?, bin(x, self.x_range, columns)?)),
+            CellGeometry::Polar => {
                 let phi = y.atan2(x).to_degrees();
                 // The azimuth begins anew at 180 degrees.
                 let phi = if phi >= 180.0 { phi - 360.0 } else { phi };
@@ -211,8 +211,10 @@ impl Field {
             low + (high - low) * (index as f64 + 0.5) / bins as f64
         };
         match self.geometry {
-            Geometry::Rectangles => (middle(column, self.x_range, columns), middle(row, self.y_range, rows)),
-            Geometry::Polar => {
+            CellGeometry::Rectangles => {
+                (middle(column, self.x_range, columns), middle(row, self.y_range, rows))
+            }
+            CellGeometry::Polar => {
                 let theta = middle(row, (0.0, self.x_range.1), rows);
                 let (sin, cos) = middle(column, (-180.0, 180.0), columns).to_radians().sin_cos();
                 (theta * cos, theta * sin)
@@ -225,8 +227,8 @@ impl Field {
         let (rows, columns) = self.dim();
         let pitch = |(low, high): (f64, f64), bins: usize| (high - low) / bins as f64;
         match self.geometry {
-            Geometry::Rectangles => pitch(self.x_range, columns).min(pitch(self.y_range, rows)),
-            Geometry::Polar => self.x_range.1 / rows as f64,
+            CellGeometry::Rectangles => pitch(self.x_range, columns).min(pitch(self.y_range, rows)),
+            CellGeometry::Polar => self.x_range.1 / rows as f64,
         }
     }
 
@@ -263,7 +265,7 @@ mod tests {
     #[test]
     fn every_cell_holds_its_own_middle() {
         let pattern = pattern(9, 16);
-        for geometry in [Geometry::Rectangles, Geometry::Polar] {
+        for geometry in [CellGeometry::Rectangles, CellGeometry::Polar] {
             let field = Field::of_far_field(&pattern, geometry);
             for row in 0..9 {
                 for column in 0..16 {
@@ -276,14 +278,14 @@ mod tests {
 
     #[test]
     fn outside_of_the_disc_there_is_nothing() {
-        let field = Field::of_far_field(&pattern(9, 16), Geometry::Polar);
+        let field = Field::of_far_field(&pattern(9, 16), CellGeometry::Polar);
         assert_eq!(field.cell_at(80.0, 80.0), None);
         assert_eq!(field.cell_at(-89.0, 0.0), Some((8, 0)));
     }
 
     #[test]
     fn an_even_intensity_over_a_hemisphere_sums_to_two_pi() {
-        let field = Field::of_far_field(&pattern(900, 8), Geometry::Polar);
+        let field = Field::of_far_field(&pattern(900, 8), CellGeometry::Polar);
         let expected = 2.0 * 2.0 * std::f64::consts::PI;
         // The midpoint rule for sin over a quarter turn errs by h^2 / 24, h = 0.1 degrees.
         assert!((field.total() / expected - 1.0).abs() < 2e-7);

@@ -127,7 +127,7 @@ pub(crate) fn follow(
 
 /// Light of a table that has no map of its own.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Rest {
+pub struct RestOfLight {
     /// Rows of the table.
     pub num_rows: usize,
     /// Flux \[W\].
@@ -184,9 +184,9 @@ impl Listing {
     }
 
     /// All light on the detector that no row with a map has; none if there is no such light.
-    pub fn rest(&self) -> Option<Rest> {
+    pub fn rest(&self) -> Option<RestOfLight> {
         let name = &self.followed.scene.ir.detectors.get(self.detector)?.name;
-        let mut rest = Rest { num_rows: 0, flux: 0.0, share: 0.0, num_rays: 0, may_be_direct: false };
+        let mut rest = RestOfLight { num_rows: 0, flux: 0.0, share: 0.0, num_rays: 0, may_be_direct: false };
         let mut add = |flux, share, num_rays| {
             rest.flux += flux;
             rest.share += share;
@@ -203,7 +203,7 @@ impl Listing {
             add(other.flux, other.share, other.num_rays);
             may_be_direct = true;
         }
-        (rest.num_rays > 0).then_some(Rest { num_rows, may_be_direct, ..rest })
+        (rest.num_rays > 0).then_some(RestOfLight { num_rows, may_be_direct, ..rest })
     }
 
     /// The detector's sums of the light of some rows, and of the rest if it is taken. They are exact: the rest is what

@@ -12,7 +12,7 @@ const MOST_SEARCHES: usize = 5;
 
 /// What the plot of a detector shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Shown {
+pub enum ShownLight {
     /// All light.
     Whole,
     /// The light of the row of this index.
@@ -35,7 +35,7 @@ pub struct Context {
 }
 
 /// The rays of the side view, if the user asked for the rays of some paths.
-pub enum Rays {
+pub enum RaysOfPaths {
     /// They are being looked for.
     Searching,
     /// They are here.
@@ -52,7 +52,7 @@ enum RaysState {
 
 /// How far the table is.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Stage {
+pub enum TableStage {
     /// Nothing was asked for.
     None,
     /// Light is being summed up by its path; the number of rays done.
@@ -66,7 +66,7 @@ pub enum Stage {
 }
 
 /// A detector's number, and which sequences make a row.
-type Wanted = (usize, Grouping);
+type TableRequest = (usize, Grouping);
 
 /// Light by its path, and what the user does with it.
 pub struct Light {
@@ -75,12 +75,12 @@ pub struct Light {
     group: Grouping,
     following: Option<Work<Followed>>,
     followed: Option<Arc<Followed>>,
-    listing: Option<(Wanted, Work<Listing>)>,
-    listed: Option<(Wanted, Arc<Listing>)>,
-    failed: Option<(Option<Wanted>, String)>,
+    listing: Option<(TableRequest, Work<Listing>)>,
+    listed: Option<(TableRequest, Arc<Listing>)>,
+    failed: Option<(Option<TableRequest>, String)>,
     /// The rank of a row that is shown as soon as there is a table.
     asked: Option<u32>,
-    shown: Shown,
+    shown: ShownLight,
     ticked: Vec<bool>,
     rest_is_ticked: bool,
     /// What the plot shows in the place of the detector.
@@ -103,7 +103,7 @@ impl Default for Light {
             listed: None,
             failed: None,
             asked: None,
-            shown: Shown::Whole,
+            shown: ShownLight::Whole,
             ticked: Vec::new(),
             rest_is_ticked: false,
             detector: None,
@@ -138,7 +138,7 @@ impl Light {
 
     fn unlist(&mut self) {
         self.listed = None;
-        (self.shown, self.ticked, self.rest_is_ticked) = (Shown::Whole, Vec::new(), false);
+        (self.shown, self.ticked, self.rest_is_ticked) = (ShownLight::Whole, Vec::new(), false);
         self.refresh();
     }
 
@@ -189,14 +189,14 @@ impl Light {
         }
     }
 
-    fn set(&mut self, wanted: Wanted, listing: Listing) {
+    fn set(&mut self, wanted: TableRequest, listing: Listing) {
         let num_rows = listing.table.paths.len();
         self.listed = Some((wanted, Arc::new(listing)));
-        (self.shown, self.ticked, self.rest_is_ticked) = (Shown::Whole, vec![false; num_rows], false);
+        (self.shown, self.ticked, self.rest_is_ticked) = (ShownLight::Whole, vec![false; num_rows], false);
         if let Some(rank) = self.asked.take() {
             let row = (rank as usize).wrapping_sub(1);
             if row < num_rows {
-                self.shown = Shown::Row(row);
+                self.shown = ShownLight::Row(row);
             } else {
                 let problem = format!("there is no path of rank {rank}; the table has ranks 1 to {num_rows}");
                 self.failed = Some((Some(wanted), problem));
@@ -206,16 +206,16 @@ impl Light {
     }
 
     /// How far the table is.
-    pub fn stage(&self) -> Stage {
+    pub fn stage(&self) -> TableStage {
         if let Some(work) = &self.following {
-            return Stage::Following(work.done());
+            return TableStage::Following(work.done());
         }
         match (&self.listed, &self.listing, &self.failed) {
-            (_, Some(_), _) => Stage::Listing,
-            (Some(_), None, _) => Stage::Listed,
-            (None, None, Some((_, problem))) => Stage::Failed(problem.clone()),
-            (None, None, None) if self.followed.is_some() => Stage::Listing,
-            (None, None, None) => Stage::None,
+            (_, Some(_), _) => TableStage::Listing,
+            (Some(_), None, _) => TableStage::Listed,
+            (None, None, Some((_, problem))) => TableStage::Failed(problem.clone()),
+            (None, None, None) if self.followed.is_some() => TableStage::Listing,
+            (None, None, None) => TableStage::None,
         }
     }
 
@@ -253,7 +253,7 @@ impl Light {
     }
 
     /// What the plot shows.
-    pub fn shown(&self) -> Shown {
+    pub fn shown(&self) -> ShownLight {
         self.shown
     }
 
@@ -270,14 +270,15 @@ impl Light {
     /// Shows the row of this index alone; all light again, if that row is shown.
     pub fn click(&mut self, row: usize) {
         if row < self.rows().len() {
-            self.shown = if self.shown == Shown::Row(row) { Shown::Whole } else { Shown::Row(row) };
+            self.shown =
+                if self.shown == ShownLight::Row(row) { ShownLight::Whole } else { ShownLight::Row(row) };
             self.refresh();
         }
     }
 
     /// Shows all light again.
     pub fn show_whole(&mut self) {
-        self.shown = Shown::Whole;
+        self.shown = ShownLight::Whole;
         self.refresh();
     }
 
@@ -328,7 +329,7 @@ impl Light {
 
     fn after_ticks(&mut self) {
         let has_ticks = self.rest_is_ticked || self.ticked.contains(&true);
-        self.shown = if has_ticks { Shown::Ticked } else { Shown::Whole };
+        self.shown = if has_ticks { ShownLight::Ticked } else { ShownLight::Whole };
         self.refresh();
     }
 
@@ -349,9 +350,9 @@ impl Light {
 
     fn sum_up(&self, listing: &Listing) -> Result<Option<Detector>> {
         let sums = match self.shown {
-            Shown::Row(row) if listing.has_map(row) => listing.sums(|index| index == row, false),
-            Shown::Ticked => listing.sums(|index| self.is_ticked(index), self.rest_is_ticked),
-            Shown::Row(_) | Shown::Whole => return Ok(None),
+            ShownLight::Row(row) if listing.has_map(row) => listing.sums(|index| index == row, false),
+            ShownLight::Ticked => listing.sums(|index| self.is_ticked(index), self.rest_is_ticked),
+            ShownLight::Row(_) | ShownLight::Whole => return Ok(None),
         };
         let Followed { scene, tally, .. } = listing.followed.as_ref();
         let detector = scene.ir.detectors.get(listing.detector);
@@ -374,12 +375,12 @@ impl Light {
     pub fn caption(&self) -> Option<String> {
         let listing = self.listing()?;
         match self.shown {
-            Shown::Whole => None,
-            Shown::Row(row) => {
+            ShownLight::Whole => None,
+            ShownLight::Row(row) => {
                 let row = listing.table.paths.get(row)?;
                 Some(format!("Path {}: {}", row.rank, row.sequence))
             }
-            Shown::Ticked => {
+            ShownLight::Ticked => {
                 let num_ticked = self.ticked.iter().filter(|tick| **tick).count();
                 let rest = if self.rest_is_ticked { " and the rest" } else { "" };
                 let paths = if num_ticked == 1 { "path" } else { "paths" };
@@ -391,9 +392,9 @@ impl Light {
     /// What is shown, as a part of a file's name; none for all light.
     pub fn stem(&self) -> Option<String> {
         match self.shown {
-            Shown::Whole => None,
-            Shown::Row(row) => Some(format!("path_{}", self.rows().get(row)?.rank)),
-            Shown::Ticked => Some("paths".into()),
+            ShownLight::Whole => None,
+            ShownLight::Row(row) => Some(format!("path_{}", self.rows().get(row)?.rank)),
+            ShownLight::Ticked => Some("paths".into()),
         }
     }
 
@@ -403,9 +404,9 @@ impl Light {
         let of_trace = listing.followed.options.path_filter.as_ref();
         let room = MOST_PATTERNS.saturating_sub(of_trace.map_or(0, |filter| filter.patterns.len())).max(1);
         let kept = match self.shown {
-            Shown::Whole => return None,
-            Shown::Row(row) => vec![listing.table.paths.get(row)?.filter.clone()?],
-            Shown::Ticked => {
+            ShownLight::Whole => return None,
+            ShownLight::Row(row) => vec![listing.table.paths.get(row)?.filter.clone()?],
+            ShownLight::Ticked => {
                 let of_rows = |is_ticked: bool| {
                     let rows = listing.table.paths.iter().enumerate();
                     let rows = rows
@@ -439,10 +440,10 @@ impl Light {
     }
 
     /// Rays of the light that is shown, which are looked for when they are first asked for; none for all light.
-    pub fn rays(&mut self, context: &Context) -> Option<Rays> {
+    pub fn rays(&mut self, context: &Context) -> Option<RaysOfPaths> {
         let filters = match self.filters()? {
             Ok(filters) => filters,
-            Err(problem) => return Some(Rays::Missing(problem)),
+            Err(problem) => return Some(RaysOfPaths::Missing(problem)),
         };
         let listing = self.listing()?.clone();
         let key = (listing.detector, filters);
@@ -456,9 +457,9 @@ impl Light {
         }
         let (_, state) = self.rays.as_ref()?;
         Some(match state {
-            RaysState::Searching(_) => Rays::Searching,
-            RaysState::Found(rays) => Rays::Found(rays.clone()),
-            RaysState::Missing(problem) => Rays::Missing(problem.clone()),
+            RaysState::Searching(_) => RaysOfPaths::Searching,
+            RaysState::Found(rays) => RaysOfPaths::Found(rays.clone()),
+            RaysState::Missing(problem) => RaysOfPaths::Missing(problem.clone()),
         })
     }
 

@@ -5,29 +5,29 @@
 //! following light by its path, in the background: a table, maps of its rows, and their rays
 //! light     the table of the detector that is shown, and what is ticked and shown of it
 //! model     results, comparison, choices -> Picture (field, scale | spots); needs no window
-//! field, region, profile, compare, photometry, spots    what is shown, as pure functions
-//! plot, raster    axes with a view; pixels of the screen (scales and colours: result/picture)
+//! field, region, line_profile, two_results, photometry, spots    what is shown, as pure functions
+//! plot, screen_pixels    axes with a view; pixels of the screen (scales and colours: result/picture)
 //! app, views      panels around the plot
 //! screenshot      the same frame without a display
 //! ```
 
 pub mod app;
-pub mod compare;
 pub mod export;
 pub mod field;
 pub mod following;
 pub mod light;
+pub mod line_profile;
 pub mod model;
 pub mod photometry;
 pub mod plot;
-pub mod profile;
-pub mod raster;
 pub mod region;
+pub mod screen_pixels;
 pub mod screenshot;
 pub mod settings;
 pub mod spots;
 pub mod state;
 pub mod tracing;
+pub mod two_results;
 mod views;
 
 pub use crate::viewer::app::App;

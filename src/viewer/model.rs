@@ -5,17 +5,17 @@ use crate::result::output::REPORT;
 use crate::result::picture::pyramid::Pyramid;
 use crate::result::picture::scale::{Scale, ScaleKind};
 use crate::result::{Detector, DetectorData, PathColumns, SpectralMap, TraceResult};
-use crate::viewer::compare::{Comparison, Scores, difference};
-use crate::viewer::field::{Field, Geometry};
-use crate::viewer::light::{Context, Light, Rays};
+use crate::viewer::field::{CellGeometry, Field};
+use crate::viewer::light::{Context, Light, RaysOfPaths};
+use crate::viewer::line_profile::Line;
 use crate::viewer::photometry;
-use crate::viewer::profile::Line;
 use crate::viewer::region::{EncircledEnergy, Region, Statistics};
 use crate::viewer::settings::Settings;
-use crate::viewer::spots::{Figures, Spots};
+use crate::viewer::spots::{SpotFigures, Spots};
 use crate::viewer::tracing::{
     Background, Device, Job, LoadedScene, Notify, PathsJob, RunOptions, State, record_paths,
 };
+use crate::viewer::two_results::{ComparisonMode, Scores, difference};
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -66,7 +66,7 @@ pub enum RegionFigures {
     /// Figures of a map; `None` if no cell lies in the region.
     Map(Option<Statistics>),
     /// Figures of rays.
-    Spots(Figures),
+    Spots(SpotFigures),
 }
 
 /// Figures of a region, and how its flux is spread around the centroid.
@@ -166,8 +166,8 @@ impl Recipe {
         };
         let b = of(b, "B");
         match self.key.settings.comparison {
-            Comparison::A => self.alone(&a, b.as_ref().ok()),
-            Comparison::B => self.alone(&b?, Some(&a)),
+            ComparisonMode::A => self.alone(&a, b.as_ref().ok()),
+            ComparisonMode::B => self.alone(&b?, Some(&a)),
             comparison => {
                 let (a, b) = (self.field(&a)?, self.field(&b?)?);
                 let field = difference(comparison, &a, &b)?;
@@ -200,7 +200,7 @@ impl Recipe {
         let Settings { photometric, polar, .. } = self.key.settings;
         let field = match &detector.data {
             DetectorData::FarField(pattern) => {
-                let geometry = if polar { Geometry::Polar } else { Geometry::Rectangles };
+                let geometry = if polar { CellGeometry::Polar } else { CellGeometry::Rectangles };
                 Field::of_far_field(pattern, geometry)
             }
             DetectorData::Spectral(map) => return self.spectral_field(map),
@@ -245,8 +245,8 @@ impl Recipe {
 /// The pyramid of a field. A disc has none, because it is drawn cell by cell.
 fn pyramid_of(field: &Field) -> Pyramid {
     match field.geometry {
-        Geometry::Rectangles => Pyramid::of(&field.values),
-        Geometry::Polar => Pyramid::default(),
+        CellGeometry::Rectangles => Pyramid::of(&field.values),
+        CellGeometry::Polar => Pyramid::default(),
     }
 }
 
@@ -467,7 +467,7 @@ impl Model {
     }
 
     /// The rays of the light that is shown, for the side view; none for all light.
-    pub fn light_rays(&mut self) -> Option<Rays> {
+    pub fn light_rays(&mut self) -> Option<RaysOfPaths> {
         let context = self.context()?;
         self.light.rays(&context)
     }
@@ -520,7 +520,7 @@ impl Model {
     /// Ends the comparison.
     pub fn drop_b(&mut self) {
         self.b = None;
-        self.settings.comparison = Comparison::A;
+        self.settings.comparison = ComparisonMode::A;
         self.revision += 1;
     }
 
@@ -530,7 +530,7 @@ impl Model {
             return None;
         };
         match (self.settings.comparison, &self.b) {
-            (Comparison::B, Some(b)) => b.result.detector(name),
+            (ComparisonMode::B, Some(b)) => b.result.detector(name),
             _ => self.shown_light().or_else(|| self.a.as_ref()?.detector(name)),
         }
     }

@@ -18,7 +18,7 @@ pub struct View {
 
 /// Where a view lies on the screen.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Frame {
+pub struct PlotFrame {
     /// The rectangle on the screen.
     pub rect: Rect,
     /// The part of the plane that is visible.
@@ -48,11 +48,11 @@ pub struct Plot<'a> {
 }
 
 /// A plot on the screen.
-pub struct Shown {
+pub struct ShownPlot {
     /// The user's actions on the plot.
     pub response: Response,
     /// The plot's place and view.
-    pub frame: Frame,
+    pub frame: PlotFrame,
 }
 
 const LABEL_SIZE: f32 = 12.0;
@@ -107,7 +107,7 @@ impl View {
     }
 }
 
-impl Frame {
+impl PlotFrame {
     /// The place on the screen of a point of the plane.
     pub fn place(&self, (x, y): (f64, f64)) -> Pos2 {
         let part = |at: f64, (low, high): (f64, f64)| ((at - low) / (high - low)) as f32;
@@ -134,8 +134,8 @@ impl Plot<'_> {
         ui: &mut Ui,
         rect: Rect,
         view: &mut Option<View>,
-        draw: impl FnOnce(&Ui, &egui::Painter, &Frame),
-    ) -> Shown {
+        draw: impl FnOnce(&Ui, &egui::Painter, &PlotFrame),
+    ) -> ShownPlot {
         let font = FontId::proportional(LABEL_SIZE);
         let y_ticks = |view: &View, height: f32| {
             let count = (height / 34.0).clamp(2.0, 9.0) as usize;
@@ -155,7 +155,7 @@ impl Plot<'_> {
         let home = if self.equal { self.home.with_equal_units(inner) } else { self.home };
         let response = ui.interact(inner, ui.scope_id().with(self.name), Sense::click_and_drag());
         response.widget_info(|| WidgetInfo::labeled(Role::Image, ui.is_enabled(), self.name));
-        let mut frame = Frame { rect: inner, view: view.unwrap_or(home) };
+        let mut frame = PlotFrame { rect: inner, view: view.unwrap_or(home) };
         if self.equal {
             frame.view = frame.view.with_equal_units(inner);
         }
@@ -185,14 +185,14 @@ impl Plot<'_> {
         self.axes(ui, rect, &frame, (&x_ticks, &y_ticks), &colors);
         let stroke = if response.has_focus() { ui.visuals().selection.stroke.color } else { colors.line };
         ui.painter().rect_stroke(inner, 0.0, Stroke::new(1.0, stroke), egui::StrokeKind::Outside);
-        Shown { response, frame }
+        ShownPlot { response, frame }
     }
 
     fn axes(
         &self,
         ui: &Ui,
         rect: Rect,
-        frame: &Frame,
+        frame: &PlotFrame,
         (x_ticks, y_ticks): (&[Tick], &[Tick]),
         colors: &Colors,
     ) {
@@ -228,7 +228,7 @@ impl Plot<'_> {
     }
 
     /// The view that the user asks for; `home` if the view should follow the data again.
-    fn moved(&self, ui: &mut Ui, response: &Response, frame: Frame, home: View) -> Option<View> {
+    fn moved(&self, ui: &mut Ui, response: &Response, frame: PlotFrame, home: View) -> Option<View> {
         if response.double_clicked() {
             return Some(home);
         }
@@ -263,7 +263,7 @@ impl Plot<'_> {
         (view != frame.view).then_some(view)
     }
 
-    fn keys(&self, ui: &mut Ui, response: &Response, frame: Frame, view: View) -> Keys {
+    fn keys(&self, ui: &mut Ui, response: &Response, frame: PlotFrame, view: View) -> Keys {
         const STEP: f64 = 0.1;
         const ZOOM: f64 = 1.25;
         let filter = EventFilter { horizontal_arrows: true, vertical_arrows: true, ..EventFilter::default() };
@@ -343,7 +343,7 @@ impl Colors {
 }
 
 /// Ticks of the horizontal axis, whose labels stand side by side.
-fn horizontal_ticks(ui: &Ui, frame: &Frame, font: &FontId) -> Vec<Tick> {
+fn horizontal_ticks(ui: &Ui, frame: &PlotFrame, font: &FontId) -> Vec<Tick> {
     let width = |label: &str| text_width(ui, label, font);
     let fits = |ticks: &[Tick]| {
         let widest = ticks.iter().map(|(_, label)| width(label)).fold(0.0, f32::max);

@@ -1,13 +1,13 @@
 //! Figures of a region of a map, or of rays.
 
-use crate::viewer::field::{Cell, Field, Geometry};
+use crate::viewer::field::{Cell, CellGeometry, Field};
 use serde::{Deserialize, Serialize};
 
 /// A region of a plot. A cell belongs to the region if its middle does.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Region {
     /// The shape of the outline.
-    pub outline: Outline,
+    pub outline: RegionOutline,
     /// Middle.
     pub centre: (f64, f64),
     /// Half of its width and height.
@@ -16,7 +16,7 @@ pub struct Region {
 
 /// The outline of a region.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Outline {
+pub enum RegionOutline {
     /// A rectangle with its sides along the axes.
     Rectangle,
     /// An ellipse with its axes along the axes of the plot.
@@ -63,11 +63,11 @@ impl Region {
     /// The region of a whole map.
     pub fn whole(field: &Field) -> Self {
         let ((x0, x1), (y0, y1)) = (field.x_range, field.y_range);
-        Region::between(Outline::Rectangle, (x0, y0), (x1, y1))
+        Region::between(RegionOutline::Rectangle, (x0, y0), (x1, y1))
     }
 
     /// The region between two corners.
-    pub fn between(outline: Outline, a: (f64, f64), b: (f64, f64)) -> Self {
+    pub fn between(outline: RegionOutline, a: (f64, f64), b: (f64, f64)) -> Self {
         Region {
             outline,
             centre: (0.5 * (a.0 + b.0), 0.5 * (a.1 + b.1)),
@@ -79,8 +79,8 @@ impl Region {
     pub fn contains(&self, (x, y): (f64, f64)) -> bool {
         let (u, v) = ((x - self.centre.0) / self.half.0, (y - self.centre.1) / self.half.1);
         match self.outline {
-            Outline::Rectangle => u.abs() <= 1.0 && v.abs() <= 1.0,
-            Outline::Ellipse => u * u + v * v <= 1.0,
+            RegionOutline::Rectangle => u.abs() <= 1.0 && v.abs() <= 1.0,
+            RegionOutline::Ellipse => u * u + v * v <= 1.0,
         }
     }
 
@@ -93,11 +93,11 @@ impl Region {
             at(centre - half) as usize..at(centre + half).ceil() as usize
         };
         let (rows, columns) = match field.geometry {
-            Geometry::Rectangles => (
+            CellGeometry::Rectangles => (
                 near(self.centre.1, self.half.1, field.y_range, rows),
                 near(self.centre.0, self.half.0, field.x_range, columns),
             ),
-            Geometry::Polar => (0..rows, 0..columns),
+            CellGeometry::Polar => (0..rows, 0..columns),
         };
         let near = rows.flat_map(move |row| columns.clone().map(move |column| (row, column)));
         near.filter(move |cell| self.contains(field.centre(*cell)) && field.values[*cell].is_finite())
@@ -110,7 +110,7 @@ impl Region {
         // Moments are taken around the first value, so that nothing cancels where all values are alike.
         let (mut first, mut shifted, mut square) = (None, 0.0, 0.0);
         let (mut peak, mut peak_at, mut least) = (f64::NEG_INFINITY, (0.0, 0.0), f64::INFINITY);
-        let mut spot = Moments::default();
+        let mut spot = SpotMoments::default();
         for cell in self.cells(field) {
             let (value, weight, at) = (field.values[cell], field.measure[cell.0], field.centre(cell));
             num_cells += 1;
@@ -157,7 +157,7 @@ impl Region {
 
 /// Sums of a spot: weight, first and second moments, shifted by the first point so that nothing cancels far from 0.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Moments {
+pub struct SpotMoments {
     origin: Option<(f64, f64)>,
     weight: f64,
     x: f64,
@@ -165,7 +165,7 @@ pub struct Moments {
     square: f64,
 }
 
-impl Moments {
+impl SpotMoments {
     /// Adds a point with a weight.
     pub fn add(&mut self, at: (f64, f64), weight: f64) {
         let origin = *self.origin.get_or_insert(at);
@@ -197,7 +197,7 @@ const RINGS: usize = 4096;
 /// How weight is spread around its centroid; `None` without weight. Radii are resolved to 1/4096 of the largest.
 pub fn encircled_energy(points: impl Iterator<Item = ((f64, f64), f64)> + Clone) -> Option<EncircledEnergy> {
     let points = points.filter(|(_, weight)| *weight > 0.0);
-    let mut spot = Moments::default();
+    let mut spot = SpotMoments::default();
     points.clone().for_each(|(at, weight)| spot.add(at, weight));
     let (x, y) = spot.centroid();
     let distances = points.map(|(at, weight)| ((at.0 - x).hypot(at.1 - y), weight));
@@ -251,7 +251,7 @@ mod tests {
 
     #[test]
     fn an_even_disc_has_the_figures_of_the_textbook() {
-        let region = Region { outline: Outline::Ellipse, centre: (1.0, -2.0), half: (6.0, 6.0) };
+        let region = Region { outline: RegionOutline::Ellipse, centre: (1.0, -2.0), half: (6.0, 6.0) };
         let figures = region.statistics(&field(|_, _| 3.0)).unwrap();
         let area = std::f64::consts::PI * 36.0;
         assert_relative_eq!(figures.flux, 3.0 * area, max_relative = 1e-3);
@@ -270,7 +270,7 @@ mod tests {
 
     #[test]
     fn encircled_energy_of_an_even_disc_grows_with_the_square_of_the_radius() {
-        let region = Region { outline: Outline::Ellipse, centre: (0.0, 0.0), half: (8.0, 8.0) };
+        let region = Region { outline: RegionOutline::Ellipse, centre: (0.0, 0.0), half: (8.0, 8.0) };
         let curve = region.encircled_energy(&field(|_, _| 1.0)).unwrap();
         for fraction in [0.1, 0.5, 0.9f64] {
             assert_relative_eq!(curve.radius_of(fraction), 8.0 * fraction.sqrt(), max_relative = 5e-3);
@@ -282,7 +282,7 @@ mod tests {
     fn a_gaussian_has_its_own_width() {
         let sigma = 1.5;
         let spot = |x: f64, y: f64| (-((x - 2.0).powi(2) + y * y) / (2.0 * sigma * sigma)).exp();
-        let all = Region { outline: Outline::Rectangle, centre: (0.0, 0.0), half: (10.0, 10.0) };
+        let all = Region { outline: RegionOutline::Rectangle, centre: (0.0, 0.0), half: (10.0, 10.0) };
         let field = field(spot);
         let figures = all.statistics(&field).unwrap();
         assert_relative_eq!(figures.flux, 2.0 * std::f64::consts::PI * sigma * sigma, max_relative = 1e-6);
@@ -297,7 +297,7 @@ mod tests {
     #[test]
     fn a_ramp_has_the_uniformity_of_its_ends() {
         let field = field(|x, _| x + 11.0);
-        let region = Region::between(Outline::Rectangle, (5.0, 1.0), (-5.0, -1.0));
+        let region = Region::between(RegionOutline::Rectangle, (5.0, 1.0), (-5.0, -1.0));
         let figures = region.statistics(&field).unwrap();
         // Middles of the first and the last pixel: -4.975 and 4.975.
         assert_relative_eq!(figures.uniformity, (11.0 - 4.975) / (11.0 + 4.975), max_relative = 1e-9);
@@ -307,7 +307,7 @@ mod tests {
 
     #[test]
     fn a_region_without_cells_or_flux_has_no_figures() {
-        let nothing = Region { outline: Outline::Ellipse, centre: (0.0, 0.0), half: (1e-6, 1e-6) };
+        let nothing = Region { outline: RegionOutline::Ellipse, centre: (0.0, 0.0), half: (1e-6, 1e-6) };
         assert_eq!(nothing.statistics(&field(|_, _| 1.0)), None);
         let dark = Region { half: (5.0, 5.0), ..nothing };
         let figures = dark.statistics(&field(|_, _| 0.0)).unwrap();
@@ -317,7 +317,7 @@ mod tests {
 
     #[test]
     fn a_spot_far_from_the_origin_keeps_its_width() {
-        let mut spot = Moments::default();
+        let mut spot = SpotMoments::default();
         [(-1.0, 0.0), (1.0, 0.0)].iter().for_each(|(x, y)| spot.add((1e9 + x, 1e9 + y), 0.5));
         assert_eq!(spot.rms_radius(), 1.0);
     }

@@ -36,7 +36,7 @@ pub fn draw(
     is_stopped: impl Fn() -> bool,
 ) -> Result<Picture> {
     let gpu = Arc::new(Gpu::open(&AdapterChoice::default())?);
-    let mut canvas = Canvas::new(gpu, size, pixels_per_point, RendererOptions::PREDICTABLE);
+    let mut canvas = OffscreenTexture::new(gpu, size, pixels_per_point, RendererOptions::PREDICTABLE);
     let start = Instant::now();
     let mut settled = 0;
     while settled < SETTLING {
@@ -103,7 +103,7 @@ fn hash(rgba: &[u8]) -> String {
 }
 
 /// The texture in which frames are drawn.
-pub struct Canvas {
+pub struct OffscreenTexture {
     gpu: Arc<Gpu>,
     context: egui::Context,
     renderer: Renderer,
@@ -113,7 +113,7 @@ pub struct Canvas {
     start: Instant,
 }
 
-impl Canvas {
+impl OffscreenTexture {
     /// A canvas on a device; `size` is in points.
     pub fn new(gpu: Arc<Gpu>, size: (f32, f32), pixels_per_point: f32, options: RendererOptions) -> Self {
         let renderer = Renderer::new(&gpu.device, FORMAT, options);
@@ -129,7 +129,7 @@ impl Canvas {
             view_formats: &[],
         });
         let context = egui::Context::default();
-        Canvas { gpu, context, renderer, size, pixels_per_point, texture, start: Instant::now() }
+        OffscreenTexture { gpu, context, renderer, size, pixels_per_point, texture, start: Instant::now() }
     }
 
     /// Computes one frame of a user who does `events`, and takes over its textures.

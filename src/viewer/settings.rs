@@ -2,7 +2,7 @@
 
 use crate::folders::Folder;
 use crate::result::picture::scale::{ColorMap, ScaleKind};
-use crate::viewer::compare::Comparison;
+use crate::viewer::two_results::ComparisonMode;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -22,7 +22,7 @@ pub struct Settings {
     pub common_scale: bool,
     /// What is shown of two results.
     #[serde(skip)]
-    pub comparison: Comparison,
+    pub comparison: ComparisonMode,
     /// True: lumens. False: watts.
     pub photometric: bool,
     /// True: far field as a disc. False: with azimuth and polar angle as axes.
@@ -78,7 +78,7 @@ impl Default for Settings {
             percentile: 99.0,
             color_map: ColorMap::Inferno,
             common_scale: true,
-            comparison: Comparison::A,
+            comparison: ComparisonMode::A,
             photometric: false,
             polar: true,
             directions: false,

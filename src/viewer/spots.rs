@@ -4,7 +4,7 @@ use crate::error::Result;
 use crate::result::RayDatabase;
 use crate::viewer::field::Labels;
 use crate::viewer::photometry;
-use crate::viewer::region::{EncircledEnergy, Moments, Region, encircled_energy};
+use crate::viewer::region::{EncircledEnergy, Region, SpotMoments, encircled_energy};
 use glam::DVec3;
 use ndarray::Array1;
 
@@ -36,7 +36,7 @@ pub struct Spots {
 
 /// Figures of rays.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Figures {
+pub struct SpotFigures {
     /// Rays.
     pub num_rays: u64,
     /// The rays' flux \[W or lm\].
@@ -91,8 +91,8 @@ impl Spots {
     }
 
     /// Figures of the rays in a region, or of all rays.
-    pub fn figures(&self, region: Option<&Region>) -> Figures {
-        let mut moments = Moments::default();
+    pub fn figures(&self, region: Option<&Region>) -> SpotFigures {
+        let mut moments = SpotMoments::default();
         let (mut num_rays, mut flux) = (0, 0.0);
         for spot in self.within(region) {
             num_rays += 1;
@@ -101,7 +101,7 @@ impl Spots {
         }
         let centroid = moments.centroid();
         let distance = |spot: &Spot| (spot.at.0 - centroid.0).hypot(spot.at.1 - centroid.1);
-        Figures {
+        SpotFigures {
             num_rays,
             flux,
             centroid,
@@ -153,7 +153,7 @@ mod tests {
     use crate::model::Frame;
     use crate::result::RayColumns;
     use crate::result::detectors::ray_database::RecordedRays;
-    use crate::viewer::region::Outline;
+    use crate::viewer::region::RegionOutline;
     use glam::DMat3;
     use ndarray::array;
 
@@ -185,7 +185,7 @@ mod tests {
         let figures = spots.figures(None);
         assert_eq!((figures.num_rays, figures.flux, figures.centroid), (4, 4.0, (0.0, 0.0)));
         assert_eq!((figures.rms_radius, figures.largest_radius), (5f64.sqrt(), 5f64.sqrt()));
-        let right = Region { outline: Outline::Rectangle, centre: (1.0, 0.0), half: (0.5, 3.0) };
+        let right = Region { outline: RegionOutline::Rectangle, centre: (1.0, 0.0), half: (0.5, 3.0) };
         assert_eq!(spots.figures(Some(&right)).rms_radius, 2.0);
         assert_eq!(spots.nearest((0.9, 2.1), 0.5).map(|spot| spot.ray_id), Some(1));
         assert_eq!(spots.nearest((0.0, 0.0), 0.5), None);

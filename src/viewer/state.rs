@@ -3,7 +3,7 @@
 use crate::result::picture::scale::Palette;
 use crate::viewer::field::Cell;
 use crate::viewer::model::{Analysis, Model, Picture};
-use crate::viewer::plot::{Frame, View};
+use crate::viewer::plot::{PlotFrame, View};
 use crate::viewer::region::Region;
 use crate::viewer::spots::Spot;
 use eframe::egui::TextureHandle;
@@ -21,7 +21,7 @@ pub struct App {
     /// What is being dragged.
     pub(super) grab: Option<Grab>,
     /// Frame of the plot in the middle, in the last frame of the window.
-    pub(super) frame: Option<Frame>,
+    pub(super) frame: Option<PlotFrame>,
     pub(super) painted: Option<Painted>,
     pub(super) figures: Option<CachedFigures>,
     /// Folder of B, as it is typed.
@@ -115,7 +115,7 @@ impl App {
     }
 
     /// The place of the plot in the middle when it was drawn last.
-    pub fn frame(&self) -> Option<Frame> {
+    pub fn frame(&self) -> Option<PlotFrame> {
         self.frame
     }
 

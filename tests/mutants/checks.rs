@@ -11,7 +11,7 @@ use nsq_gpu::model::surface_optics::splits;
 use nsq_gpu::model::{Detector, DetectorKind, End, Interaction, PathFilter, SceneIr, Sequence, Splat};
 use nsq_gpu::paths::maps::{PathMaps, Watched};
 use nsq_gpu::program::Precision;
-use nsq_gpu::result::paths::Places;
+use nsq_gpu::result::light_paths::Places;
 use nsq_gpu::result::{DetectorTally, PathEventKind, Tally};
 use nsq_gpu::result::{FluxSum, PathSum};
 use nsq_gpu::run::{Collect, RecordPaths};

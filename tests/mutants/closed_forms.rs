@@ -4,15 +4,15 @@ use crate::bench::{Bench, Setting};
 use crate::checks::Outcome;
 use glam::{DMat3, DVec2, DVec3};
 use nsq_gpu::model::ray_id::{self, NUM_REPLICATES};
-use nsq_gpu::model::shapes::aperture::{Axes, Outline as ApertureOutline};
+use nsq_gpu::model::shapes::aperture::{ApertureOutline, Axes};
 use nsq_gpu::model::shapes::freeform::Polynomial;
 use nsq_gpu::model::shapes::{Biconic, Freeform, SagSurface, Toroidal};
 use nsq_gpu::model::sources::Aim;
 use nsq_gpu::model::{
-    Aperture, Bsdf, BsdfTable, ClippedConic, Coating, CoatingRow, Collimated, Conic, Detector, DetectorKind,
-    Extended, FarField, Frame, Interaction, KCorrelation, Medium, Mesh, MeshId, Outline, PixelGrid, Point,
-    Profile, Pupil, RayDatabase, ReflectProb, Sampling, Scatter, SceneIr, Shape, SimpleCoating, Source,
-    SourceKind, Spectral, Spectrum, Splat, Surface, Tabulated, TabulatedCoating,
+    Aperture, AsphereProfile, Bsdf, BsdfTable, ClippedConic, Coating, CoatingRow, Collimated, Conic,
+    Detector, DetectorKind, Extended, FarField, Frame, Interaction, KCorrelation, Medium, Mesh, MeshId,
+    Outline, PixelGrid, Point, Pupil, RayDatabase, ReflectProb, Sampling, Scatter, SceneIr, Shape,
+    SimpleCoating, Source, SourceKind, Spectral, Spectrum, Splat, Surface, Tabulated, TabulatedCoating,
 };
 use nsq_gpu::program::layout::rng;
 use nsq_gpu::program::{Precision, Sampler};
@@ -353,8 +353,9 @@ fn lambertian(bench: &Bench) -> Outcome {
 /// Rays among mirrors that are aspheres, from a lamp between them and from beams along and across the axis: each meets the
 /// first crossing that a dense search in f64 finds, within the aperture, and goes off as the normal there says.
 fn aspheres(bench: &Bench) -> Outcome {
-    let bowl = Profile::new(12.0, -1.6, 6.0, 2, &[1e-3, -4e-5, 2e-6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3e-16]);
-    let wave = Profile::new(-30.0, 0.3, 6.0, 1, &[-0.15, 0.0, 0.012, -1.2e-3]);
+    let bowl =
+        AsphereProfile::new(12.0, -1.6, 6.0, 2, &[1e-3, -4e-5, 2e-6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3e-16]);
+    let wave = AsphereProfile::new(-30.0, 0.3, 6.0, 1, &[-0.15, 0.0, 0.012, -1.2e-3]);
     between_mirrors(bench, &[(Shape::EvenAsphere(bowl.into()), 10.0), (Shape::OddAsphere(wave.into()), 18.0)])
 }
 
@@ -367,7 +368,13 @@ fn freeforms(bench: &Bench) -> Outcome {
     };
     let toroid = Toroidal {
         curvature_x: -1.0 / 14.0,
-        profile: Profile::new(20.0, -0.7, 6.0, 2, &[2e-3, -5e-5, 1e-6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3e-16]),
+        profile: AsphereProfile::new(
+            20.0,
+            -0.7,
+            6.0,
+            2,
+            &[2e-3, -5e-5, 1e-6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3e-16],
+        ),
     };
     between_mirrors(
         bench,
@@ -506,7 +513,7 @@ fn clipped(bench: &Bench) -> Outcome {
     let all_but = Aperture { inverted: true, ..without_hole.clone() };
     let lamp = SourceKind::Collimated(Collimated { aperture_radius: 8.0, sigma: None });
     let conic = Conic { curvature: -1.0 / 9.0, conic: 0.0, aperture_radius: 6.0 };
-    let bowl = Profile::new(-9.0, 0.0, 6.0, 2, &[0.0, -1e-5]);
+    let bowl = AsphereProfile::new(-9.0, 0.0, 6.0, 2, &[0.0, -1e-5]);
     let value = |p: DVec2| -1e-3 * p.x * p.y;
     let freeform = Freeform::new(
         -9.0,

@@ -6,17 +6,17 @@ use nsq_gpu::cpu::request::CpuRequest;
 use nsq_gpu::derivatives::Derivatives;
 use nsq_gpu::model::ShapeKind;
 use nsq_gpu::model::StepKind;
-use nsq_gpu::model::path_filter::{Comparison, Count, Events, Mark, Part, PathFilter, Pattern, Term};
-use nsq_gpu::model::shapes::aperture::{Axes, Outline as ApertureOutline};
+use nsq_gpu::model::path_filter::{Count, Events, Mark, Part, PathFilter, Pattern, Relation, Term};
+use nsq_gpu::model::shapes::aperture::{ApertureOutline, Axes};
 use nsq_gpu::model::shapes::freeform::Polynomial;
 use nsq_gpu::model::shapes::{Biconic, Freeform, SagSurface, Toroidal};
 use nsq_gpu::model::sources::Aim;
 use nsq_gpu::model::{
-    Annulus, Aperture, Bsdf, BsdfKind, BsdfTable, ClippedConic, Coating, CoatingRow, Collimated, Conic,
-    Detector, DetectorKind, Extended, FarField, Frame, Frustum, HarveyShack, Interaction, KCorrelation,
-    Lambertian, Medium, Mesh, MeshId, Outline, PixelGrid, Point, Profile, Pupil, RayDatabase, ReflectProb,
-    Sampling, Scatter, SceneIr, Shape, SimpleCoating, Source, SourceKind, Spectral, Spectrum, Specular,
-    Sphere, Splat, Surface, Tabulated, TabulatedCoating,
+    Annulus, Aperture, AsphereProfile, Bsdf, BsdfKind, BsdfTable, ClippedConic, Coating, CoatingRow,
+    Collimated, Conic, Detector, DetectorKind, Extended, FarField, Frame, Frustum, HarveyShack, Interaction,
+    KCorrelation, Lambertian, Medium, Mesh, MeshId, Outline, PixelGrid, Point, Pupil, RayDatabase,
+    ReflectProb, Sampling, Scatter, SceneIr, Shape, SimpleCoating, Source, SourceKind, Spectral, Spectrum,
+    Specular, Sphere, Splat, Surface, Tabulated, TabulatedCoating,
 };
 use nsq_gpu::paths::followed::FollowedPaths;
 use nsq_gpu::paths::sums::PathSums;
@@ -352,7 +352,7 @@ impl Choice {
                 ir.sources.push(source(SourceKind::Pupil(pupil), ir.wavelengths.len()));
             }
             Choice::Clipped => {
-                let profile = Profile::new(50.0, -0.5, 10.0, 2, &[1e-4, 2e-6]);
+                let profile = AsphereProfile::new(50.0, -0.5, 10.0, 2, &[1e-4, 2e-6]);
                 let clipped = SagSurface::new(profile, Some(aperture()));
                 ir.surfaces.push(surface(Shape::EvenAsphere(clipped), Interaction::Refractive));
             }
@@ -681,7 +681,7 @@ fn path_filter() -> PathFilter {
     let compare = |count, comparison| Term::Compare(count, comparison, 2);
     let marked = (0..4).map(Term::Marked);
     let counted =
-        Count::ALL.into_iter().zip(Comparison::ALL).map(|((_, count), (_, sign))| compare(count, sign));
+        Count::ALL.into_iter().zip(Relation::ALL).map(|((_, count), (_, sign))| compare(count, sign));
     let whole = Term::Any(marked.chain(counted).collect());
     PathFilter {
         text: "all that filters ask for".into(),
@@ -714,9 +714,11 @@ pub fn shape_of(kind: ShapeKind) -> Shape {
         }
         ShapeKind::Sphere => Shape::Sphere(Sphere { radius: 8.0, aperture_radius: Some(6.0) }),
         ShapeKind::Mesh => Shape::Mesh(MeshId(0)),
-        ShapeKind::EvenAsphere => Shape::EvenAsphere(Profile::new(50.0, -0.5, 10.0, 2, &[1e-4, 2e-6]).into()),
+        ShapeKind::EvenAsphere => {
+            Shape::EvenAsphere(AsphereProfile::new(50.0, -0.5, 10.0, 2, &[1e-4, 2e-6]).into())
+        }
         ShapeKind::OddAsphere => {
-            Shape::OddAsphere(Profile::new(50.0, -0.5, 10.0, 1, &[1e-3, 1e-4, 2e-6]).into())
+            Shape::OddAsphere(AsphereProfile::new(50.0, -0.5, 10.0, 1, &[1e-3, 1e-4, 2e-6]).into())
         }
         ShapeKind::Biconic => Shape::Biconic(
             Biconic {
@@ -727,7 +729,8 @@ pub fn shape_of(kind: ShapeKind) -> Shape {
             .into(),
         ),
         ShapeKind::Toroidal => Shape::Toroidal(
-            Toroidal { curvature_x: 0.015, profile: Profile::new(50.0, -0.5, 10.0, 2, &[1e-4, 2e-6]) }.into(),
+            Toroidal { curvature_x: 0.015, profile: AsphereProfile::new(50.0, -0.5, 10.0, 2, &[1e-4, 2e-6]) }
+                .into(),
         ),
         ShapeKind::Freeform => {
             let value = |p: DVec2| 1e-3 * p.x * p.x - 2e-4 * p.x * p.y + 1e-5 * p.y.powi(3);

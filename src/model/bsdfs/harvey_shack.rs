@@ -1,8 +1,8 @@
 //! Harvey and Shack's lobe about the mirrored ray: what polish leaves on lenses and mirrors.
 
 use crate::model::bsdfs::{
-    Bsdf, BsdfKind, BsdfWgsl, Entry, LONGEST_OFFSET, Labelled, Reading, SHIFT_INVARIANT, Scattering,
-    other_side, too_wide,
+    Bsdf, BsdfContext, BsdfKind, BsdfWgsl, LONGEST_OFFSET, Labelled, SHIFT_INVARIANT, Scattering,
+    WrittenBsdf, other_side, too_wide,
 };
 use crate::model::place::quoted;
 use crate::model::{Interaction, checks};
@@ -86,7 +86,7 @@ impl HarveyShack {
 /// In a scene file the same.
 pub type Written = HarveyShack;
 
-impl Entry for HarveyShack {
+impl WrittenBsdf for HarveyShack {
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
         checks::between(at("b0"), self.b0, 0.0, 1e30)?;
         checks::between(at("l0"), self.l0, 1e-12, 1e12)?;
@@ -94,7 +94,7 @@ impl Entry for HarveyShack {
         checks::fraction(at("transmissive_fraction"), self.transmissive_fraction)
     }
 
-    fn bsdf(&self, surface: &Labelled<'_>, reading: &mut Reading<'_>) -> Result<Bsdf> {
+    fn bsdf(&self, surface: &Labelled<'_>, reading: &mut BsdfContext<'_>) -> Result<Bsdf> {
         self.check_lobe(surface, reading.warnings)?;
         Ok(Bsdf::HarveyShack(self.clone()))
     }

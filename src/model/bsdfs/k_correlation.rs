@@ -4,8 +4,8 @@
 //! power spectral density and surface scatter model, SPIE 6291, 2006.
 
 use crate::model::bsdfs::{
-    Bsdf, BsdfKind, BsdfWgsl, Entry, LONGEST_OFFSET, Labelled, Reading, SHIFT_INVARIANT, Scattering,
-    other_side, too_wide,
+    Bsdf, BsdfContext, BsdfKind, BsdfWgsl, LONGEST_OFFSET, Labelled, SHIFT_INVARIANT, Scattering,
+    WrittenBsdf, other_side, too_wide,
 };
 use crate::model::place::quoted;
 use crate::model::{Interaction, checks};
@@ -89,7 +89,7 @@ impl KCorrelation {
 /// In a scene file the same.
 pub type Written = KCorrelation;
 
-impl Entry for KCorrelation {
+impl WrittenBsdf for KCorrelation {
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
         checks::between(at("b0"), self.b0, 0.0, 1e30)?;
         checks::between(at("B"), self.b, 1e-12, 1e12)?;
@@ -97,7 +97,7 @@ impl Entry for KCorrelation {
         checks::fraction(at("transmissive_fraction"), self.transmissive_fraction)
     }
 
-    fn bsdf(&self, surface: &Labelled<'_>, reading: &mut Reading<'_>) -> Result<Bsdf> {
+    fn bsdf(&self, surface: &Labelled<'_>, reading: &mut BsdfContext<'_>) -> Result<Bsdf> {
         self.check_lobe(surface, reading.warnings)?;
         Ok(Bsdf::KCorrelation(self.clone()))
     }

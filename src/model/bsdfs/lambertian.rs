@@ -1,7 +1,7 @@
 //! Lambert's law: matt paint, opal glass.
 
 use crate::Result;
-use crate::model::bsdfs::{Bsdf, BsdfKind, BsdfWgsl, Entry, Labelled, Reading, Scattering};
+use crate::model::bsdfs::{Bsdf, BsdfContext, BsdfKind, BsdfWgsl, Labelled, Scattering, WrittenBsdf};
 use crate::model::checks;
 use crate::shaders::shader;
 use schemars::JsonSchema;
@@ -30,13 +30,13 @@ fn one() -> f64 {
 /// In a scene file the same.
 pub type Written = Lambertian;
 
-impl Entry for Lambertian {
+impl WrittenBsdf for Lambertian {
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
         checks::fraction(at("reflectance_value"), self.reflectance_value)?;
         checks::fraction(at("transmissive_fraction"), self.transmissive_fraction)
     }
 
-    fn bsdf(&self, _: &Labelled<'_>, _: &mut Reading<'_>) -> Result<Bsdf> {
+    fn bsdf(&self, _: &Labelled<'_>, _: &mut BsdfContext<'_>) -> Result<Bsdf> {
         Ok(Bsdf::Lambertian(self.clone()))
     }
 }

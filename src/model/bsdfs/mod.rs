@@ -30,7 +30,7 @@ kinds! {
     Bsdf: Scattering,
     functions BsdfKind: BsdfWgsl,
     /// A scatter model, by its `type`.
-    written "Bsdf": Entry;
+    written "Bsdf": WrittenBsdf;
     /// Cosine-weighted over the hemisphere.
     Lambertian(lambertian::Lambertian) by Lambertian(2) = LAMBERTIAN;
     /// b0 / (1 + (beta / l0)^s) in the distance of direction cosines from specular.
@@ -147,12 +147,12 @@ fn other_side(surface: &str, interaction: &Interaction, transmissive_fraction: f
 }
 
 /// What each file's `Written` does: the numbers of a BSDF as scene files have them.
-trait Entry {
+trait WrittenBsdf {
     /// Refuses numbers that no BSDF has. `at` gives the place of a key.
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()>;
 
     /// The BSDF of a surface, proven to scatter.
-    fn bsdf(&self, surface: &Labelled<'_>, reading: &mut Reading<'_>) -> Result<Bsdf>;
+    fn bsdf(&self, surface: &Labelled<'_>, reading: &mut BsdfContext<'_>) -> Result<Bsdf>;
 }
 
 /// What messages say of a BSDF in a scene file.
@@ -164,7 +164,7 @@ pub(crate) struct Labelled<'a> {
 }
 
 /// What a BSDF in a scene file needs beside itself.
-pub(crate) struct Reading<'a> {
+pub(crate) struct BsdfContext<'a> {
     /// Folder that paths start from.
     pub folder: &'a Path,
     /// Where to say what the user should know.
@@ -181,7 +181,7 @@ impl Written {
     }
 
     /// The BSDF of a surface, proven to scatter.
-    pub(crate) fn bsdf(&self, surface: &Labelled<'_>, reading: &mut Reading<'_>) -> Result<Bsdf> {
+    pub(crate) fn bsdf(&self, surface: &Labelled<'_>, reading: &mut BsdfContext<'_>) -> Result<Bsdf> {
         self.entry().bsdf(surface, reading)
     }
 }

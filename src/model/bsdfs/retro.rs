@@ -1,7 +1,7 @@
 //! Cat's eyes, the example of docs/adding-a-kind.md: every ray goes back where it came from. Tests alone have it.
 
 use crate::Result;
-use crate::model::bsdfs::{Bsdf, BsdfKind, BsdfWgsl, Entry, Labelled, Reading, Scattering};
+use crate::model::bsdfs::{Bsdf, BsdfContext, BsdfKind, BsdfWgsl, Labelled, Scattering, WrittenBsdf};
 use crate::model::checks;
 use crate::shaders::ShaderFile;
 use schemars::JsonSchema;
@@ -29,12 +29,12 @@ pub struct Retro {
 /// In a scene file the same.
 pub type Written = Retro;
 
-impl Entry for Retro {
+impl WrittenBsdf for Retro {
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
         checks::fraction(at("share"), self.share)
     }
 
-    fn bsdf(&self, _: &Labelled<'_>, _: &mut Reading<'_>) -> Result<Bsdf> {
+    fn bsdf(&self, _: &Labelled<'_>, _: &mut BsdfContext<'_>) -> Result<Bsdf> {
         Ok(Bsdf::Retro(self.clone()))
     }
 }

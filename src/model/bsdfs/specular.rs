@@ -1,7 +1,7 @@
 //! A mirror: what is scattered goes where a mirror sends it.
 
 use crate::Result;
-use crate::model::bsdfs::{Bsdf, BsdfKind, BsdfWgsl, Entry, Labelled, Reading, Scattering};
+use crate::model::bsdfs::{Bsdf, BsdfContext, BsdfKind, BsdfWgsl, Labelled, Scattering, WrittenBsdf};
 use crate::shaders::shader;
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -18,12 +18,12 @@ pub struct Specular {}
 /// In a scene file the same.
 pub type Written = Specular;
 
-impl Entry for Specular {
+impl WrittenBsdf for Specular {
     fn check(&self, _: &dyn Fn(&str) -> String) -> Result<()> {
         Ok(())
     }
 
-    fn bsdf(&self, _: &Labelled<'_>, _: &mut Reading<'_>) -> Result<Bsdf> {
+    fn bsdf(&self, _: &Labelled<'_>, _: &mut BsdfContext<'_>) -> Result<Bsdf> {
         Ok(Bsdf::Specular(self.clone()))
     }
 }

@@ -1,8 +1,8 @@
 //! Measured scattering: values over the angles of incidence and of scatter.
 
-use crate::model::bsdfs::{Bsdf, BsdfKind, BsdfWgsl, Entry, Labelled, Reading, Scattering};
+use crate::model::bsdfs::{Bsdf, BsdfContext, BsdfKind, BsdfWgsl, Labelled, Scattering, WrittenBsdf};
 use crate::model::place::{key_of, quoted};
-use crate::model::{checks, files};
+use crate::model::{checks, whole_files};
 use crate::shaders::shader;
 use crate::{Error, Result};
 use schemars::JsonSchema;
@@ -83,13 +83,13 @@ pub struct Written {
     pub transmissive_fraction: f64,
 }
 
-impl Entry for Written {
+impl WrittenBsdf for Written {
     /// The table is checked where it is read.
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
         checks::fraction(at("transmissive_fraction"), self.transmissive_fraction)
     }
 
-    fn bsdf(&self, surface: &Labelled<'_>, reading: &mut Reading<'_>) -> Result<Bsdf> {
+    fn bsdf(&self, surface: &Labelled<'_>, reading: &mut BsdfContext<'_>) -> Result<Bsdf> {
         let place = surface.place;
         let table = match (&self.path, &self.theta_i, &self.theta_s, &self.bsdf) {
             (Some(path), None, None, None) => from_file(&key_of(place, "path"), path, reading.folder)?,
@@ -235,9 +235,9 @@ fn from_file(place: &str, path: &str, folder: &Path) -> Result<BsdfTable> {
 
 /// Spreadsheets begin what they call UTF-8 with a byte order mark.
 fn text_of(path: &Path) -> std::io::Result<String> {
-    let text = String::from_utf8(files::read(path, MAX_FILE_BYTES)?)
+    let text = String::from_utf8(whole_files::read(path, MAX_FILE_BYTES)?)
         .map_err(|_| std::io::Error::other("it is not UTF-8 text; save it as UTF-8"))?;
-    Ok(text.trim_start_matches(files::MARK).to_owned())
+    Ok(text.trim_start_matches(whole_files::MARK).to_owned())
 }
 
 /// Lines `theta_i, theta_s, bsdf` in any order, with `#` before comments: every pair of two angles once.

@@ -3,7 +3,7 @@
 use crate::Result;
 use crate::model::detectors::grid::{self, ArrivalError, GridRow};
 use crate::model::detectors::{
-    Detection, DetectorExtra, DetectorFunction, DetectorKind, DetectorWgsl, Entry, Records, written,
+    Detection, DetectorExtra, DetectorFunction, DetectorKind, DetectorWgsl, Records, WrittenDetector, written,
 };
 use crate::model::shapes::Outline;
 use crate::shaders::shader;
@@ -39,7 +39,7 @@ written! {
     }
 }
 
-impl Entry for Written {
+impl WrittenDetector for Written {
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
         grid::check_count(at("num_bins_theta"), self.num_bins_theta)?;
         grid::check_count(at("num_bins_phi"), self.num_bins_phi)

@@ -5,7 +5,7 @@ pub use crate::model::detectors::grid::PixelGrid;
 use crate::Result;
 use crate::model::detectors::grid::{self, ArrivalError, GridRow, SplatKind};
 use crate::model::detectors::{
-    Detection, DetectorExtra, DetectorFunction, DetectorKind, DetectorWgsl, Entry, Records, written,
+    Detection, DetectorExtra, DetectorFunction, DetectorKind, DetectorWgsl, Records, WrittenDetector, written,
 };
 use crate::model::shapes::Outline;
 use crate::shaders::shader;
@@ -37,7 +37,7 @@ written! {
     }
 }
 
-impl Entry for Written {
+impl WrittenDetector for Written {
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
         grid::check_rectangle(at, self.width, self.height)?;
         grid::check_count(at("num_pixels_x"), self.num_pixels_x)?;

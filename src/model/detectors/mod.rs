@@ -25,7 +25,7 @@ kinds! {
     DetectorKind: Detection,
     functions DetectorFunction: DetectorWgsl,
     /// A detector, by its `type`.
-    written "Detector": Entry;
+    written "Detector": WrittenDetector;
     /// Flux over pixels.
     Irradiance(irradiance::PixelGrid) by Irradiance = IRRADIANCE;
     /// Flux over pixels and wavelengths.
@@ -193,7 +193,7 @@ pub trait HasShared {
 }
 
 /// What each file's `Written` does: the numbers of a detector as scene files have them.
-pub trait Entry: HasShared {
+pub trait WrittenDetector: HasShared {
     /// Refuses numbers that no detector has. `at` gives the place of a key.
     ///
     /// # Errors
@@ -235,7 +235,7 @@ impl Written {
 }
 
 impl std::ops::Deref for Written {
-    type Target = dyn Entry;
+    type Target = dyn WrittenDetector;
 
     fn deref(&self) -> &Self::Target {
         self.entry()

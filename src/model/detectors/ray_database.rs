@@ -3,7 +3,7 @@
 use crate::Result;
 use crate::model::detectors::grid::{self, GridRow};
 use crate::model::detectors::{
-    Detection, DetectorExtra, DetectorFunction, DetectorKind, DetectorWgsl, Entry, Records, written,
+    Detection, DetectorExtra, DetectorFunction, DetectorKind, DetectorWgsl, Records, WrittenDetector, written,
 };
 use crate::model::shapes::Outline;
 use crate::shaders::shader;
@@ -37,7 +37,7 @@ written! {
     }
 }
 
-impl Entry for Written {
+impl WrittenDetector for Written {
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
         grid::check_rectangle(at, self.width, self.height)
     }

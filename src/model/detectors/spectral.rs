@@ -4,7 +4,7 @@ use crate::Result;
 use crate::model::checks;
 use crate::model::detectors::grid::{self, ArrivalError, GridRow, PixelGrid, SplatKind};
 use crate::model::detectors::{
-    Detection, DetectorExtra, DetectorFunction, DetectorKind, DetectorWgsl, Entry, Records, written,
+    Detection, DetectorExtra, DetectorFunction, DetectorKind, DetectorWgsl, Records, WrittenDetector, written,
 };
 use crate::model::shapes::Outline;
 use crate::shaders::shader;
@@ -57,7 +57,7 @@ written! {
     }
 }
 
-impl Entry for Written {
+impl WrittenDetector for Written {
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
         grid::check_rectangle(at, self.width, self.height)?;
         grid::check_count(at("num_pixels_x"), self.num_pixels_x)?;

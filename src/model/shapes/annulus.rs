@@ -4,8 +4,8 @@ use crate::Result;
 use crate::model::checks;
 use crate::model::mesh::Mesh;
 use crate::model::shapes::{
-    Entry, Extent, Flat, Geometry, Normal, Outline, Quadric, Shape, ShapeKind, ShapeWgsl, Slab, ring_samples,
-    section_between,
+    Extent, Flat, Geometry, Normal, Outline, Quadric, Shape, ShapeKind, ShapeWgsl, Slab, WrittenShape,
+    ring_samples, section_between,
 };
 use crate::shaders::shader;
 use glam::{DVec2, DVec3};
@@ -36,7 +36,7 @@ pub struct Annulus {
 /// In a scene file the same.
 pub type Written = Annulus;
 
-impl Entry for Annulus {
+impl WrittenShape for Annulus {
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
         checks::between(at("inner_radius"), self.inner_radius, 0.0, checks::MAX_LENGTH)?;
         checks::size(at("outer_radius"), self.outer_radius)?;

@@ -17,14 +17,14 @@ const MAX_PARTS: usize = 64;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Aperture {
     /// What it is made of.
-    pub outline: Outline,
+    pub outline: ApertureOutline,
     /// True for all that the outline leaves out.
     pub inverted: bool,
 }
 
 /// What an aperture is bounded by.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Outline {
+pub enum ApertureOutline {
     /// An ellipse, or a circle.
     Ellipse(Axes),
     /// A rectangle.
@@ -63,18 +63,18 @@ impl Aperture {
     /// True if a point is in it.
     pub fn holds(&self, p: DVec2) -> bool {
         let inside = match &self.outline {
-            Outline::Ellipse(axes) => axes.scaled(p).length_squared() <= 1.0,
-            Outline::Rectangle(axes) => axes.scaled(p).abs().max_element() <= 1.0,
-            Outline::Polygon(corners) => {
+            ApertureOutline::Ellipse(axes) => axes.scaled(p).length_squared() <= 1.0,
+            ApertureOutline::Rectangle(axes) => axes.scaled(p).abs().max_element() <= 1.0,
+            ApertureOutline::Polygon(corners) => {
                 let sides = corners.iter().zip(corners.iter().cycle().skip(1));
                 let is_left_of = |(a, b): &(&DVec2, &DVec2)| {
                     (a.y > p.y) != (b.y > p.y) && p.x < (b.x - a.x) * (p.y - a.y) / (b.y - a.y) + a.x
                 };
                 sides.filter(is_left_of).count() % 2 == 1
             }
-            Outline::Union(parts) => parts.iter().any(|part| part.holds(p)),
-            Outline::Intersection(parts) => parts.iter().all(|part| part.holds(p)),
-            Outline::Difference(parts) => parts[0].holds(p) && !parts[1].holds(p),
+            ApertureOutline::Union(parts) => parts.iter().any(|part| part.holds(p)),
+            ApertureOutline::Intersection(parts) => parts.iter().all(|part| part.holds(p)),
+            ApertureOutline::Difference(parts) => parts[0].holds(p) && !parts[1].holds(p),
         };
         inside != self.inverted
     }
@@ -85,16 +85,16 @@ impl Aperture {
         let combined =
             |parts: &[Aperture; 2], code: f64| [parts[0].numbers(), parts[1].numbers(), vec![code]].concat();
         let mut numbers = match &self.outline {
-            Outline::Ellipse(axes) => of(0.0, &axes.numbers()),
-            Outline::Rectangle(axes) => of(1.0, &axes.numbers()),
-            Outline::Polygon(corners) => {
+            ApertureOutline::Ellipse(axes) => of(0.0, &axes.numbers()),
+            ApertureOutline::Rectangle(axes) => of(1.0, &axes.numbers()),
+            ApertureOutline::Polygon(corners) => {
                 let mut numbers = vec![2.0, corners.len() as f64];
                 numbers.extend(corners.iter().flat_map(|corner| corner.to_array()));
                 numbers
             }
-            Outline::Union(parts) => combined(parts, 3.0),
-            Outline::Intersection(parts) => combined(parts, 4.0),
-            Outline::Difference(parts) => combined(parts, 5.0),
+            ApertureOutline::Union(parts) => combined(parts, 3.0),
+            ApertureOutline::Intersection(parts) => combined(parts, 4.0),
+            ApertureOutline::Difference(parts) => combined(parts, 5.0),
         };
         if self.inverted {
             numbers.push(6.0);
@@ -105,19 +105,19 @@ impl Aperture {
     /// Ellipses that hold what it is made of, by their middles and semi-axes \[mm\].
     fn around(&self) -> Vec<Axes> {
         match &self.outline {
-            Outline::Ellipse(axes) => vec![*axes],
-            Outline::Rectangle(axes) => {
+            ApertureOutline::Ellipse(axes) => vec![*axes],
+            ApertureOutline::Rectangle(axes) => {
                 vec![Axes { semi_axes: std::f64::consts::SQRT_2 * axes.semi_axes, ..*axes }]
             }
-            Outline::Polygon(corners) => {
+            ApertureOutline::Polygon(corners) => {
                 let low = corners.iter().fold(DVec2::INFINITY, |low, corner| low.min(*corner));
                 let high = corners.iter().fold(DVec2::NEG_INFINITY, |high, corner| high.max(*corner));
                 let semi_axes = std::f64::consts::FRAC_1_SQRT_2 * (high - low);
                 vec![Axes { middle: 0.5 * (low + high), semi_axes }]
             }
-            Outline::Union(parts) | Outline::Intersection(parts) | Outline::Difference(parts) => {
-                parts.iter().flat_map(Aperture::around).collect()
-            }
+            ApertureOutline::Union(parts)
+            | ApertureOutline::Intersection(parts)
+            | ApertureOutline::Difference(parts) => parts.iter().flat_map(Aperture::around).collect(),
         }
     }
 
@@ -155,20 +155,20 @@ impl Aperture {
             sides.flat_map(points).collect()
         };
         match &self.outline {
-            Outline::Ellipse(axes) => {
+            ApertureOutline::Ellipse(axes) => {
                 let point = |step: i32| {
                     axes.middle + DVec2::from_angle(TAU * f64::from(step) / f64::from(STEPS)) * axes.semi_axes
                 };
                 vec![(0..=STEPS).map(point).collect()]
             }
-            Outline::Rectangle(axes) => {
+            ApertureOutline::Rectangle(axes) => {
                 let corner = |x: f64, y: f64| axes.middle + DVec2::new(x, y) * axes.semi_axes;
                 vec![polygon(&[corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)])]
             }
-            Outline::Polygon(corners) => vec![polygon(corners)],
-            Outline::Union(parts) | Outline::Intersection(parts) | Outline::Difference(parts) => {
-                parts.iter().flat_map(Aperture::curves).collect()
-            }
+            ApertureOutline::Polygon(corners) => vec![polygon(corners)],
+            ApertureOutline::Union(parts)
+            | ApertureOutline::Intersection(parts)
+            | ApertureOutline::Difference(parts) => parts.iter().flat_map(Aperture::curves).collect(),
         }
     }
 }
@@ -331,17 +331,17 @@ impl Written {
         };
         let parts = || {
             let part = |i: usize| self.parts.as_ref().and_then(|parts| parts.get(i)).map(Written::aperture);
-            let none = || Aperture { outline: Outline::Polygon(Vec::new()), inverted: false };
+            let none = || Aperture { outline: ApertureOutline::Polygon(Vec::new()), inverted: false };
             Box::new([part(0).unwrap_or_else(none), part(1).unwrap_or_else(none)])
         };
         let corners = || self.vertices.iter().flatten().map(|corner| DVec2::from(*corner)).collect();
         let outline = match self.outline {
-            OutlineKind::Ellipse => Outline::Ellipse(axes()),
-            OutlineKind::Rectangle => Outline::Rectangle(axes()),
-            OutlineKind::Polygon => Outline::Polygon(corners()),
-            OutlineKind::Union => Outline::Union(parts()),
-            OutlineKind::Intersection => Outline::Intersection(parts()),
-            OutlineKind::Difference => Outline::Difference(parts()),
+            OutlineKind::Ellipse => ApertureOutline::Ellipse(axes()),
+            OutlineKind::Rectangle => ApertureOutline::Rectangle(axes()),
+            OutlineKind::Polygon => ApertureOutline::Polygon(corners()),
+            OutlineKind::Union => ApertureOutline::Union(parts()),
+            OutlineKind::Intersection => ApertureOutline::Intersection(parts()),
+            OutlineKind::Difference => ApertureOutline::Difference(parts()),
         };
         match self.hole_radius.filter(|radius| *radius > 0.0) {
             None => Aperture { outline, inverted: self.inverted },
@@ -349,9 +349,9 @@ impl Written {
                 let hole = Axes { semi_axes: DVec2::splat(radius), ..axes() };
                 let parts = [
                     Aperture { outline, inverted: false },
-                    Aperture { outline: Outline::Ellipse(hole), inverted: false },
+                    Aperture { outline: ApertureOutline::Ellipse(hole), inverted: false },
                 ];
-                Aperture { outline: Outline::Difference(Box::new(parts)), inverted: self.inverted }
+                Aperture { outline: ApertureOutline::Difference(Box::new(parts)), inverted: self.inverted }
             }
         }
     }

@@ -3,9 +3,9 @@
 use crate::Result;
 use crate::model::checks;
 use crate::model::shapes::conic::curvature;
-use crate::model::shapes::profile::Profile;
+use crate::model::shapes::profile::AsphereProfile;
 use crate::model::shapes::sag::{Bounds, ROOM, Sag, SagAt, SagSurface, check_aperture};
-use crate::model::shapes::{Entry, Normal, Shape, ShapeKind, ShapeWgsl, aperture};
+use crate::model::shapes::{Normal, Shape, ShapeKind, ShapeWgsl, WrittenShape, aperture};
 use crate::shaders::shader;
 use glam::{DMat2, DVec2};
 use schemars::JsonSchema;
@@ -55,14 +55,14 @@ pub struct Written {
     pub aperture: Option<aperture::Written>,
 }
 
-impl Entry for Written {
+impl WrittenShape for Written {
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
         checks::size(at("aperture_radius"), self.aperture_radius)?;
         for (axis, radius, conic) in [("x", self.radius_x, self.conic_x), ("y", self.radius_y, self.conic_y)]
         {
             checks::radius(at(&format!("radius_{axis}")), radius)?;
             checks::conic_constant(at(&format!("conic_{axis}")), conic)?;
-            Profile::check_reach(radius, conic, self.aperture_radius, at)?;
+            AsphereProfile::check_reach(radius, conic, self.aperture_radius, at)?;
         }
         check_aperture(self.aperture.as_ref(), at)
     }
@@ -79,11 +79,11 @@ impl Entry for Written {
 
 impl Biconic {
     /// The profiles along x and y.
-    fn profiles(&self) -> [Profile; 2] {
-        [0, 1].map(|axis| Profile {
+    fn profiles(&self) -> [AsphereProfile; 2] {
+        [0, 1].map(|axis| AsphereProfile {
             curvature: self.curvature[axis],
             conic: self.conic[axis],
-            ..Profile::new(0.0, 0.0, self.aperture_radius, 2, &[])
+            ..AsphereProfile::new(0.0, 0.0, self.aperture_radius, 2, &[])
         })
     }
 }

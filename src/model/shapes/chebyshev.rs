@@ -5,7 +5,7 @@ use crate::model::shapes::freeform::Freeform;
 pub use crate::model::shapes::freeform::FreeformSurface;
 use crate::model::shapes::freeform::{Polynomial, clenshaw};
 use crate::model::shapes::sag::{SagSurface, check_aperture, written};
-use crate::model::shapes::{Entry, Shape};
+use crate::model::shapes::{Shape, WrittenShape};
 use glam::DVec2;
 
 written! {
@@ -24,7 +24,7 @@ written! {
     }
 }
 
-impl Entry for Written {
+impl WrittenShape for Written {
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
         Freeform::check(self.radius, self.conic, self.aperture_radius, &self.coefficients, at)?;
         Freeform::check_norm("norm_x", self.norm_x, self.aperture_radius, at)?;

@@ -6,7 +6,9 @@ use crate::model::checks;
 use crate::model::mesh::Mesh;
 use crate::model::shapes::aperture::{self, Aperture};
 use crate::model::shapes::conic::{Conic, curvature};
-use crate::model::shapes::{Entry, Extent, Geometry, Normal, Quadric, Shape, ShapeKind, ShapeWgsl, circle};
+use crate::model::shapes::{
+    Extent, Geometry, Normal, Quadric, Shape, ShapeKind, ShapeWgsl, WrittenShape, circle,
+};
 use crate::shaders::shader;
 use glam::{DVec2, DVec3};
 use schemars::JsonSchema;
@@ -48,7 +50,7 @@ pub struct Written {
     pub aperture: aperture::Written,
 }
 
-impl Entry for Written {
+impl WrittenShape for Written {
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
         checks::radius(at("radius"), self.radius)?;
         checks::conic_constant(at("conic"), self.conic)?;

@@ -4,8 +4,8 @@ use crate::Result;
 use crate::model::checks;
 use crate::model::mesh::Mesh;
 use crate::model::shapes::{
-    Entry, Extent, Flat, Geometry, Normal, Outline, Quadric, Shape, ShapeKind, ShapeWgsl, Slab, ring_samples,
-    section_between,
+    Extent, Flat, Geometry, Normal, Outline, Quadric, Shape, ShapeKind, ShapeWgsl, Slab, WrittenShape,
+    ring_samples, section_between,
 };
 use crate::shaders::shader;
 use glam::{DVec2, DVec3};
@@ -67,7 +67,7 @@ pub struct Written {
     pub aperture_radius: f64,
 }
 
-impl Entry for Written {
+impl WrittenShape for Written {
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
         checks::radius(at("radius"), self.radius)?;
         checks::conic_constant(at("conic"), self.conic)?;

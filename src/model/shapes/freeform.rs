@@ -7,10 +7,10 @@
 //! would show is refused.
 
 use crate::Result;
-use crate::model::shapes::profile::Profile;
+use crate::model::shapes::profile::AsphereProfile;
 use crate::model::shapes::sag::{Bounds, ROOM, Sag, SagAt, SagSurface, largest_bend};
 use crate::model::shapes::{Normal, Shape, ShapeKind, ShapeWgsl};
-use crate::model::{checks, rows};
+use crate::model::{checks, coefficient_rows};
 use crate::shaders::shader;
 use glam::{DMat2, DVec2};
 use std::f64::consts::PI;
@@ -37,7 +37,7 @@ const LARGEST_ERROR: f64 = 1e-9;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Freeform {
     /// The conic, with the semi-diameter.
-    pub conic: Profile,
+    pub conic: AsphereProfile,
     sum: Arc<Sum>,
 }
 
@@ -50,7 +50,7 @@ struct Sum {
     bounds: Bounds,
     /// The numbers that the polynomial was given by, whatever the semi-diameter.
     definition: Vec<f64>,
-    /// As shaders/shapes/freeform.wgsl reads them ([`rows::backwards`]).
+    /// As shaders/shapes/freeform.wgsl reads them ([`coefficient_rows::backwards`]).
     table: Vec<f64>,
 }
 
@@ -88,10 +88,10 @@ impl<'a> Polynomial<'a> {
 impl Freeform {
     /// The freeform of numbers that were checked.
     pub fn new(radius: f64, conic: f64, aperture_radius: f64, polynomial: &Polynomial<'_>) -> Self {
-        let conic = Profile::new(radius, conic, aperture_radius, 2, &[]);
+        let conic = AsphereProfile::new(radius, conic, aperture_radius, 2, &[]);
         let rows = expanded(aperture_radius, polynomial);
         let bounds = bounds(&conic, &rows);
-        let table = rows::backwards(&rows);
+        let table = coefficient_rows::backwards(&rows);
         Freeform {
             conic,
             sum: Arc::new(Sum { rows, bounds, definition: polynomial.definition.clone(), table }),
@@ -125,7 +125,7 @@ impl Freeform {
         coefficients: &[Vec<f64>],
         at: &dyn Fn(&str) -> String,
     ) -> Result<()> {
-        Profile::check(radius, conic, aperture_radius, &[], at)?;
+        AsphereProfile::check(radius, conic, aperture_radius, &[], at)?;
         let place = |i: usize| format!("{}[{i}]", at("coefficients"));
         if coefficients.len() > HIGHEST_POWER + 1 {
             let problem = format!("there are {} rows", coefficients.len());
@@ -275,7 +275,7 @@ impl Local {
 
 /// Bounds over the aperture, which is cut into squares. In each the sum is what its Taylor terms allow, and the conic part
 /// lies between its values at the nearest and the farthest point from the axis.
-fn bounds(conic: &Profile, rows: &[Vec<f64>]) -> Bounds {
+fn bounds(conic: &AsphereProfile, rows: &[Vec<f64>]) -> Bounds {
     const CELLS: i32 = 96;
     let radius = conic.aperture_radius;
     // Half the side of a cell; the cells go a little beyond the rim. From here on lengths are in semi-diameters.

@@ -4,7 +4,8 @@ use crate::Result;
 use crate::model::checks;
 use crate::model::mesh::Mesh;
 use crate::model::shapes::{
-    Entry, Extent, FrontSide, Geometry, Normal, Quadric, Shape, ShapeKind, ShapeWgsl, Slab, ring_samples,
+    Extent, FrontSide, Geometry, Normal, Quadric, Shape, ShapeKind, ShapeWgsl, Slab, WrittenShape,
+    ring_samples,
 };
 use crate::shaders::shader;
 use glam::{DVec2, DVec3};
@@ -58,7 +59,7 @@ impl Frustum {
 /// In a scene file the same.
 pub type Written = Frustum;
 
-impl Entry for Frustum {
+impl WrittenShape for Frustum {
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
         let Frustum { r_front, r_back, z_front, z_back } = *self;
         checks::between(at("r_front"), r_front, 0.0, checks::MAX_LENGTH)?;

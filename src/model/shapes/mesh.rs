@@ -2,7 +2,7 @@
 
 use crate::model::checks;
 use crate::model::mesh::Mesh;
-use crate::model::shapes::{Entry, Extent, FrontSide, Geometry, Normal, Shape, ShapeKind, ShapeWgsl};
+use crate::model::shapes::{Extent, FrontSide, Geometry, Normal, Shape, ShapeKind, ShapeWgsl, WrittenShape};
 use crate::shaders::shader;
 use crate::{Error, Result};
 use glam::DVec3;
@@ -36,7 +36,7 @@ pub struct Written {
     pub scale: Option<f64>,
 }
 
-impl Entry for Written {
+impl WrittenShape for Written {
     /// The rest is checked where it is read.
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
         self.scale.map_or(Ok(()), |scale| checks::between(at("scale"), scale, 1e-9, 1e9))

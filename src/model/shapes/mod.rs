@@ -36,7 +36,7 @@ pub use crate::model::shapes::freeform::Freeform;
 pub use crate::model::shapes::frustum::Frustum;
 pub use crate::model::shapes::mesh::MeshId;
 pub use crate::model::shapes::plane::Outline;
-pub use crate::model::shapes::profile::Profile;
+pub use crate::model::shapes::profile::AsphereProfile;
 pub use crate::model::shapes::quadric::{Level, Quadric};
 pub use crate::model::shapes::sag::{Bounds, Sag, SagSurface};
 pub use crate::model::shapes::sphere::Sphere;
@@ -54,7 +54,7 @@ kinds! {
     functions ShapeKind: ShapeWgsl,
     /// A shape as a scene file gives it, by its `type`. The geometric normal points local +z for conic, plane and
     /// annulus, inward for a sphere, outward for a frustum, and along the face normal for a mesh.
-    written "Shape": Entry;
+    written "Shape": WrittenShape;
     /// A conic of revolution.
     Conic(conic::Conic) by Conic = CONIC;
     /// A plane: a rectangle by width and height, a disk by aperture_radius, or unlimited.
@@ -273,7 +273,7 @@ pub struct Flat {
 }
 
 /// What each file's `Written` does: the numbers of a shape as scene files have them.
-trait Entry {
+trait WrittenShape {
     /// Refuses numbers that no shape has. `at` gives the place of a key.
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()>;
 

@@ -1,13 +1,13 @@
 //! Odd aspheres: a conic and all powers of the distance from the axis.
 
 use crate::Result;
-use crate::model::shapes::profile::Profile;
+use crate::model::shapes::profile::AsphereProfile;
 use crate::model::shapes::sag::{SagSurface, check_aperture, written};
-use crate::model::shapes::{Entry, Normal, Shape, ShapeWgsl};
+use crate::model::shapes::{Normal, Shape, ShapeWgsl, WrittenShape};
 use crate::shaders::shader;
 
 /// The surface.
-pub type OddAsphere = SagSurface<Profile>;
+pub type OddAsphere = SagSurface<AsphereProfile>;
 
 /// The asphere: z = conic + the sum of coefficients\[i\] r^(i + 1).
 pub const ODD_ASPHERE: ShapeWgsl = ShapeWgsl {
@@ -29,15 +29,15 @@ written! {
     }
 }
 
-impl Entry for Written {
+impl WrittenShape for Written {
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
-        Profile::check(self.radius, self.conic, self.aperture_radius, &self.coefficients, at)?;
+        AsphereProfile::check(self.radius, self.conic, self.aperture_radius, &self.coefficients, at)?;
         check_aperture(self.aperture.as_ref(), at)
     }
 
     fn shape(&self, place: &str, _: Option<usize>) -> Result<Shape> {
         let Written { radius, conic, aperture_radius, ref coefficients, ref aperture } = *self;
-        let profile = Profile::new(radius, conic, aperture_radius, 1, coefficients);
+        let profile = AsphereProfile::new(radius, conic, aperture_radius, 1, coefficients);
         SagSurface::written(profile, aperture.as_ref(), place).map(Shape::OddAsphere)
     }
 }

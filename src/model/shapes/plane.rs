@@ -3,7 +3,8 @@
 use crate::model::checks;
 use crate::model::mesh::Mesh;
 use crate::model::shapes::{
-    Entry, Extent, Flat, Geometry, Normal, Quadric, Shape, ShapeKind, ShapeWgsl, Slab, circle, ring_samples,
+    Extent, Flat, Geometry, Normal, Quadric, Shape, ShapeKind, ShapeWgsl, Slab, WrittenShape, circle,
+    ring_samples,
 };
 use crate::shaders::shader;
 use crate::{Error, Result};
@@ -61,7 +62,7 @@ pub struct Written {
     pub aperture_radius: Option<f64>,
 }
 
-impl Entry for Written {
+impl WrittenShape for Written {
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
         let sizes =
             [("width", self.width), ("height", self.height), ("aperture_radius", self.aperture_radius)];

@@ -5,7 +5,7 @@ use crate::model::shapes::freeform::Freeform;
 use crate::model::shapes::freeform::Polynomial;
 pub use crate::model::shapes::freeform::{FREEFORM, FreeformSurface};
 use crate::model::shapes::sag::{SagSurface, check_aperture, written};
-use crate::model::shapes::{Entry, Shape};
+use crate::model::shapes::{Shape, WrittenShape};
 use glam::DVec2;
 
 written! {
@@ -20,7 +20,7 @@ written! {
     }
 }
 
-impl Entry for Written {
+impl WrittenShape for Written {
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
         Freeform::check(self.radius, self.conic, self.aperture_radius, &self.coefficients, at)?;
         check_aperture(self.aperture.as_ref(), at)

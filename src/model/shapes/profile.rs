@@ -13,7 +13,7 @@ pub const NUM_COEFFICIENTS: usize = 10;
 
 /// z = c r^2 / (1 + sqrt(1 - (1 + conic) c^2 r^2)) + the sum of `coefficients[i]` r^(step (i + 1)) for r <= aperture_radius.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Profile {
+pub struct AsphereProfile {
     /// Vertex curvature c = 1/R of the conic part \[1/mm\].
     pub curvature: f64,
     /// Conic constant.
@@ -45,12 +45,12 @@ pub(super) struct Ring {
     pub bounds: Bounds,
 }
 
-impl Profile {
+impl AsphereProfile {
     /// The profile of numbers that were checked.
     pub fn new(radius: f64, conic: f64, aperture_radius: f64, step: u32, given: &[f64]) -> Self {
         let mut coefficients = [0.0; NUM_COEFFICIENTS];
         coefficients.iter_mut().zip(given).for_each(|(own, given)| *own = *given);
-        Profile { curvature: curvature(radius), conic, aperture_radius, step, coefficients }
+        AsphereProfile { curvature: curvature(radius), conic, aperture_radius, step, coefficients }
     }
 
     /// Refuses numbers that no asphere has.
@@ -71,7 +71,7 @@ impl Profile {
         for (i, &coefficient) in coefficients.iter().enumerate() {
             checks::between(format!("{}[{i}]", at("coefficients")), coefficient, -1e30, 1e30)?;
         }
-        Profile::check_reach(radius, conic, aperture_radius, at)
+        AsphereProfile::check_reach(radius, conic, aperture_radius, at)
     }
 
     /// Refuses a semi-diameter beyond which the conic part does not go.
@@ -157,11 +157,11 @@ impl Profile {
     pub(super) fn rings(&self) -> impl Iterator<Item = Ring> {
         const RINGS: i32 = 512;
         let profile = *self;
-        let conic = Profile { coefficients: [0.0; NUM_COEFFICIENTS], ..profile };
+        let conic = AsphereProfile { coefficients: [0.0; NUM_COEFFICIENTS], ..profile };
         // What a tip adds to the bend is no part of the bound.
-        let mut terms = Profile { curvature: 0.0, ..profile };
+        let mut terms = AsphereProfile { curvature: 0.0, ..profile };
         let tip = if self.step == 1 { std::mem::take(&mut terms.coefficients[0]) } else { 0.0 };
-        let sizes = Profile { coefficients: terms.coefficients.map(f64::abs), ..terms };
+        let sizes = AsphereProfile { coefficients: terms.coefficients.map(f64::abs), ..terms };
         let rim = ROOM * self.aperture_radius;
         (0..RINGS).map(move |ring| {
             let [from, to] = [ring, ring + 1].map(|i| rim * f64::from(i) / f64::from(RINGS));
@@ -189,7 +189,7 @@ impl Profile {
     }
 }
 
-impl Sag for Profile {
+impl Sag for AsphereProfile {
     fn aperture_radius(&self) -> f64 {
         self.aperture_radius
     }
@@ -235,7 +235,7 @@ impl Sag for Profile {
     }
 
     fn is_one_with(&self, other: &Self) -> bool {
-        Profile { aperture_radius: self.aperture_radius, ..*other } == *self
+        AsphereProfile { aperture_radius: self.aperture_radius, ..*other } == *self
     }
 
     fn of_shape(shape: &Shape) -> Option<&SagSurface<Self>> {
@@ -269,7 +269,7 @@ mod tests {
             // Coefficients by what they add at the rim [mm].
             let coefficients: Vec<f64> =
                 rim_terms.iter().enumerate().map(|(i, a)| a / aperture.powi((step as usize * (i + 1)) as i32)).collect();
-            let profile = Profile::new(radius, conic, aperture, step, &coefficients);
+            let profile = AsphereProfile::new(radius, conic, aperture, step, &coefficients);
             let bounds = profile.bounds();
             for share in shares {
                 let at = profile.along(share.max(1e-6) * aperture);

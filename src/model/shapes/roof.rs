@@ -3,7 +3,7 @@
 use crate::Result;
 use crate::model::checks;
 use crate::model::mesh::Mesh;
-use crate::model::shapes::{Entry, Extent, Geometry, Level, Normal, Shape, ShapeKind, ShapeWgsl};
+use crate::model::shapes::{Extent, Geometry, Level, Normal, Shape, ShapeKind, ShapeWgsl, WrittenShape};
 use crate::shaders::ShaderFile;
 use glam::{DMat3, DVec3};
 use schemars::JsonSchema;
@@ -43,7 +43,7 @@ impl Roof {
 /// In a scene file the same.
 pub type Written = Roof;
 
-impl Entry for Roof {
+impl WrittenShape for Roof {
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
         checks::between(at("slope"), self.slope, 0.0, 100.0)?;
         checks::size(at("width"), self.width)?;

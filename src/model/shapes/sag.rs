@@ -338,7 +338,7 @@ pub fn largest_bend(xx: f64, xy: f64, yy: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::model::shapes::freeform::Polynomial;
-    use crate::model::shapes::{Biconic, Freeform, Profile, Toroidal};
+    use crate::model::shapes::{AsphereProfile, Biconic, Freeform, Toroidal};
     use proptest::prelude::*;
 
     /// No point of a surface breaks its bounds, and the derivatives are those of the height.
@@ -396,7 +396,7 @@ mod tests {
         ) {
             let coefficients: Vec<f64> =
                 (1..).zip(&rim_terms).map(|(i, a)| a / APERTURE.powi(2 * i)).collect();
-            let profile = Profile::new(y, conic, APERTURE, 2, &coefficients);
+            let profile = AsphereProfile::new(y, conic, APERTURE, 2, &coefficients);
             bounds_hold(&Toroidal { curvature_x: 1.0 / x, profile }, &points)?;
         }
 

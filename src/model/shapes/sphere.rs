@@ -4,7 +4,7 @@ use crate::Result;
 use crate::model::checks;
 use crate::model::mesh::Mesh;
 use crate::model::shapes::{
-    Entry, Extent, FrontSide, Geometry, Normal, Quadric, Shape, ShapeKind, ShapeWgsl, ring_samples,
+    Extent, FrontSide, Geometry, Normal, Quadric, Shape, ShapeKind, ShapeWgsl, WrittenShape, ring_samples,
     section_between,
 };
 use crate::shaders::shader;
@@ -44,7 +44,7 @@ impl Sphere {
 /// In a scene file the same.
 pub type Written = Sphere;
 
-impl Entry for Sphere {
+impl WrittenShape for Sphere {
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
         checks::size(at("radius"), self.radius)?;
         // A limit beyond the radius limits nothing, as in Optiland.

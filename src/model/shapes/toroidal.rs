@@ -3,9 +3,9 @@
 use crate::Result;
 use crate::model::checks;
 use crate::model::shapes::conic::curvature;
-use crate::model::shapes::profile::{Profile, Ring};
+use crate::model::shapes::profile::{AsphereProfile, Ring};
 use crate::model::shapes::sag::{Bounds, ROOM, Sag, SagAt, SagSurface, check_aperture, largest_bend};
-use crate::model::shapes::{Entry, Normal, Shape, ShapeKind, ShapeWgsl, aperture};
+use crate::model::shapes::{Normal, Shape, ShapeKind, ShapeWgsl, WrittenShape, aperture};
 use crate::shaders::shader;
 use glam::{DMat2, DVec2};
 use schemars::JsonSchema;
@@ -29,7 +29,7 @@ pub struct Toroidal {
     /// Curvature along x \[1/mm\].
     pub curvature_x: f64,
     /// The profile along y, with its semi-diameter.
-    pub profile: Profile,
+    pub profile: AsphereProfile,
 }
 
 /// A toroid in a scene file.
@@ -56,12 +56,13 @@ pub struct Written {
 
 impl Written {
     fn toroid(&self) -> Toroidal {
-        let profile = Profile::new(self.radius_y, self.conic, self.aperture_radius, 2, &self.coeffs_poly_y);
+        let profile =
+            AsphereProfile::new(self.radius_y, self.conic, self.aperture_radius, 2, &self.coeffs_poly_y);
         Toroidal { curvature_x: curvature(self.radius_x), profile }
     }
 }
 
-impl Entry for Written {
+impl WrittenShape for Written {
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
         checks::radius(at("radius_x"), self.radius_x)?;
         let renamed = |key: &str| match key {
@@ -69,7 +70,13 @@ impl Entry for Written {
             "coefficients" => at("coeffs_poly_y"),
             _ => at(key),
         };
-        Profile::check(self.radius_y, self.conic, self.aperture_radius, &self.coeffs_poly_y, &renamed)?;
+        AsphereProfile::check(
+            self.radius_y,
+            self.conic,
+            self.aperture_radius,
+            &self.coeffs_poly_y,
+            &renamed,
+        )?;
         if self.toroid().strips().any(|strip| strip.is_none()) {
             let problem = format!("a toroid turned at {} mm ends within it", self.radius_x);
             return checks::refuse(
@@ -130,7 +137,7 @@ impl Sag for Toroidal {
     }
 
     fn magnitude(&self) -> f64 {
-        let x = Profile { curvature: self.curvature_x, conic: 0.0, ..self.profile };
+        let x = AsphereProfile { curvature: self.curvature_x, conic: 0.0, ..self.profile };
         self.profile.magnitude() + x.conic_magnitude()
     }
 

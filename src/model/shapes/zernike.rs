@@ -6,7 +6,7 @@ use crate::model::shapes::freeform::Freeform;
 pub use crate::model::shapes::freeform::FreeformSurface;
 use crate::model::shapes::freeform::{HIGHEST_POWER, Polynomial};
 use crate::model::shapes::sag::{SagSurface, check_aperture, written};
-use crate::model::shapes::{Entry, Shape};
+use crate::model::shapes::{Shape, WrittenShape};
 use glam::DVec2;
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -44,7 +44,7 @@ written! {
     }
 }
 
-impl Entry for Written {
+impl WrittenShape for Written {
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
         Freeform::check(self.radius, self.conic, self.aperture_radius, &[], at)?;
         for (i, &coefficient) in self.coefficients.iter().enumerate() {

@@ -3,7 +3,7 @@
 use crate::Result;
 use crate::format::significant;
 use crate::model::place::quoted;
-use crate::model::sources::{Emission, Entry, SourceFunction, SourceKind, SourceWgsl, written};
+use crate::model::sources::{Emission, SourceFunction, SourceKind, SourceWgsl, WrittenSource, written};
 use crate::model::{Outline, checks};
 use crate::shaders::shader;
 use schemars::JsonSchema;
@@ -36,7 +36,8 @@ pub struct Collimated {
 /// Flux over a beam.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum Profile {
+#[schemars(rename = "Profile")]
+pub enum BeamProfile {
     /// Uniform.
     #[default]
     Tophat,
@@ -52,7 +53,7 @@ written! {
         pub aperture_radius: f64,
         /// Flux over the beam.
         #[serde(default)]
-        pub profile: Profile,
+        pub profile: BeamProfile,
         /// Standard deviation of a Gaussian beam \[mm\]; half the aperture radius if null.
         #[serde(default)]
         pub gaussian_sigma: Option<f64>,
@@ -63,7 +64,7 @@ fn one() -> f64 {
     1.0
 }
 
-impl Entry for Written {
+impl WrittenSource for Written {
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
         checks::size(at("aperture_radius"), self.aperture_radius)?;
         self.gaussian_sigma.map_or(Ok(()), |sigma| checks::size(at("gaussian_sigma"), sigma))
@@ -72,8 +73,8 @@ impl Entry for Written {
     fn kind(&self) -> SourceKind {
         let aperture_radius = self.aperture_radius;
         let sigma = match self.profile {
-            Profile::Tophat => None,
-            Profile::Gaussian => Some(self.gaussian_sigma.unwrap_or(aperture_radius / 2.0)),
+            BeamProfile::Tophat => None,
+            BeamProfile::Gaussian => Some(self.gaussian_sigma.unwrap_or(aperture_radius / 2.0)),
         };
         SourceKind::Collimated(Collimated { aperture_radius, sigma })
     }

@@ -2,7 +2,7 @@
 
 use crate::Result;
 use crate::model::sources::{
-    Emission, Entry, SourceFunction, SourceKind, SourceWgsl, cap_height, right_angle, written,
+    Emission, SourceFunction, SourceKind, SourceWgsl, WrittenSource, cap_height, right_angle, written,
 };
 use crate::model::{Outline, checks};
 use crate::shaders::shader;
@@ -47,7 +47,7 @@ fn one() -> f64 {
     1.0
 }
 
-impl Entry for Written {
+impl WrittenSource for Written {
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
         checks::between(at("half_angle_deg"), self.half_angle_deg, 0.0, 180.0)?;
         // A disk, as in Optiland, whatever its width and height.

@@ -24,7 +24,7 @@ kinds! {
     SourceKind: Emission,
     functions SourceFunction: SourceWgsl,
     /// A source, by its `type`.
-    written "Source": Entry;
+    written "Source": WrittenSource;
     /// Rays from one point.
     Point(point::Point) by Point = POINT;
     /// A parallel beam.
@@ -133,7 +133,7 @@ trait HasShared {
 }
 
 /// What each file's `Written` does: the numbers of a source as scene files have them.
-trait Entry: HasShared {
+trait WrittenSource: HasShared {
     /// Refuses numbers that no such source has. `at` gives the place of a key.
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()>;
 

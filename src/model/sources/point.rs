@@ -2,7 +2,7 @@
 
 use crate::Result;
 use crate::model::sources::{
-    Emission, Entry, SourceFunction, SourceKind, SourceWgsl, cap_height, right_angle, written,
+    Emission, SourceFunction, SourceKind, SourceWgsl, WrittenSource, cap_height, right_angle, written,
 };
 use crate::model::{Outline, checks};
 use crate::shaders::shader;
@@ -26,7 +26,7 @@ written! {
     }
 }
 
-impl Entry for Written {
+impl WrittenSource for Written {
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
         checks::between(at("half_angle_deg"), self.half_angle_deg, 0.0, 180.0)
     }

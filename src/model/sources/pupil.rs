@@ -8,8 +8,8 @@
 //! and vector is a polynomial of p for each wavelength.
 
 use crate::Result;
-use crate::model::sources::{Emission, Entry, SourceFunction, SourceKind, SourceWgsl, written};
-use crate::model::{Outline, checks, rows};
+use crate::model::sources::{Emission, SourceFunction, SourceKind, SourceWgsl, WrittenSource, written};
+use crate::model::{Outline, checks, coefficient_rows};
 use crate::shaders::shader;
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -81,7 +81,7 @@ impl Aim {
 
     /// Its tables for shaders/sources/aimed.table.wgsl, one after the other.
     fn numbers(&self) -> Vec<f64> {
-        self.tables().into_iter().flat_map(|(_, rows)| rows::backwards(rows)).collect()
+        self.tables().into_iter().flat_map(|(_, rows)| coefficient_rows::backwards(rows)).collect()
     }
 
     /// More than what each table adds anywhere.
@@ -108,7 +108,7 @@ written! {
     }
 }
 
-impl Entry for Written {
+impl WrittenSource for Written {
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
         for (key, numbers) in
             [("beam_radii", &self.beam_radii[..]), ("chief", &self.chief), ("pupil_radii", &self.pupil_radii)]

@@ -19,7 +19,7 @@ use crate::model::{self, DetectorFunction, DetectorKind};
 use crate::result::npz::ArrayWriter;
 pub(crate) use crate::result::png::figures::Span;
 use crate::result::png::figures::{Drawn, Head};
-use crate::result::rows::Rows;
+use crate::result::ray_rows::Rows;
 use crate::result::stored::Stored;
 use crate::result::{DetectorTally, FluxUnit, Uncertainty};
 use ndarray::{Array, ArrayViewD, Dimension};

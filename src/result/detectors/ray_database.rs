@@ -13,7 +13,7 @@ use crate::model::{self, Frame};
 use crate::result::detectors::{CellMap, DetectorResult, Sums};
 use crate::result::npz::{ArrayWriter, Column};
 use crate::result::png::figures::{self, Drawn, Head};
-use crate::result::rows::{self, Rows};
+use crate::result::ray_rows::{self, Rows};
 use crate::result::stored::Stored;
 use crate::result::{FluxUnit, QUANTA_PER_WEIGHT, RayRow};
 
@@ -186,7 +186,7 @@ impl DetectorResult for RayDatabase {
     /// one flux and one wavelength of 0.
     fn write(&self, file: &mut ArrayWriter) -> Result<()> {
         let rows = &self.rows;
-        for (word, name) in (rows::POSITION..).zip(["x", "y", "z", "L", "M", "N"]) {
+        for (word, name) in (ray_rows::POSITION..).zip(["x", "y", "z", "L", "M", "N"]) {
             file.add_column(name, &Column::real(rows, word, |x| x))?;
         }
         if rows.is_empty() {
@@ -195,13 +195,13 @@ impl DetectorResult for RayDatabase {
         } else {
             file.add_column(
                 "flux",
-                &Column::real(rows, rows::WEIGHT, |weight| self.unit.watts_of_weight(weight)),
+                &Column::real(rows, ray_rows::WEIGHT, |weight| self.unit.watts_of_weight(weight)),
             )?;
             file.add_column("wavelength", &Column::wavelength(rows, &self.wavelengths))?;
         }
         file.add_column(
             "ray_id",
-            &Column::new(rows, rows::RAY_ID, "<u8", 8, |word, bytes| bytes.extend(word.to_le_bytes())),
+            &Column::new(rows, ray_rows::RAY_ID, "<u8", 8, |word, bytes| bytes.extend(word.to_le_bytes())),
         )
     }
 
@@ -263,7 +263,7 @@ impl DetectorResult for RayDatabase {
 /// The weight of the rows kept, each rounded down as the device does it.
 fn quanta(rows: &Rows) -> Result<u128> {
     let mut sum: u128 = 0;
-    rows.for_each_block(rows::WEIGHT, |weights| {
+    rows.for_each_block(ray_rows::WEIGHT, |weights| {
         let quanta = weights.iter().map(|&bits| (f64::from_bits(bits) * QUANTA_PER_WEIGHT) as u128);
         // A file may hold rows of any weight.
         sum = quanta.fold(sum, u128::saturating_add);

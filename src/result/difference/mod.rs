@@ -9,7 +9,7 @@
 
 mod files;
 mod spread;
-mod text;
+mod table;
 
 pub use crate::result::difference::files::{file_names, write};
 pub use crate::result::difference::spread::Spread;

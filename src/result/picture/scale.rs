@@ -244,19 +244,19 @@ impl Scale {
 
     /// The position of a value along the colours; beyond 0..=1 outside the scale.
     pub fn part(&self, value: f64) -> f64 {
-        match self.kind {
-            ScaleKind::Log if self.is_log() => {
-                (value / self.low).max(f64::MIN_POSITIVE).ln() / (self.high / self.low).ln()
-            }
-            _ => (value - self.low) / (self.high - self.low),
+        if self.is_log() {
+            (value / self.low).max(f64::MIN_POSITIVE).ln() / (self.high / self.low).ln()
+        } else {
+            (value - self.low) / (self.high - self.low)
         }
     }
 
     /// The value at a position along the colours.
     pub fn value(&self, part: f64) -> f64 {
-        match self.kind {
-            ScaleKind::Log if self.is_log() => self.low * (self.high / self.low).powf(part),
-            _ => self.low + part * (self.high - self.low),
+        if self.is_log() {
+            self.low * (self.high / self.low).powf(part)
+        } else {
+            self.low + part * (self.high - self.low)
         }
     }
 }
@@ -304,9 +304,9 @@ mod tests {
     fn logarithmic_pictures_have_whole_decades() {
         let fit = |values: &Array2<f64>| Scale::fit(ScaleKind::Log, 99.0, [values]).in_whole_decades();
         let scale = fit(&array![[0.0, 1e-9, 1e-4, 1e-2, 1.0]]);
-        let part = |value: f64| match scale.shade(value) {
-            Shade::Part(part) => part,
-            other => panic!("{other:?}"),
+        let part = |value: f64| {
+            let Shade::Part(part) = scale.shade(value) else { panic!("{value} has no colour of its own") };
+            part
         };
         assert_eq!(part(1e-9), 0.0, "below all decades, and not none");
         for (value, expected) in [(1e-4, 1.0 / 3.0), (1e-2, 2.0 / 3.0), (1.0, 1.0)] {

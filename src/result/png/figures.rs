@@ -31,7 +31,7 @@ fn text_size(data: (usize, usize)) -> f64 {
 }
 
 /// Where the parts of a figure go: data on the left, a key on the right, a head above, axes around.
-struct Layout {
+struct FigureLayout {
     data: Place,
     /// The place of the colours of a colour bar.
     bar: Place,
@@ -52,7 +52,7 @@ struct Parts<'a> {
     numbers: &'a str,
 }
 
-impl Layout {
+impl FigureLayout {
     fn new(parts: &Parts) -> Self {
         let px = |times: f64| (times * parts.text).round() as i32;
         let (width, height) = (parts.data.0 as i32, parts.data.1 as i32);
@@ -65,7 +65,7 @@ impl Layout {
             text_width(parts.title, 1.45 * parts.text).max(text_width(parts.numbers, 0.95 * parts.text));
         let right = (bar.right() + parts.key).max(left + head_width).max(px(LEAST_WIDTH)) + px(PAD);
         let bottom = px(HEAD) + (height + px(FOOT)).max(room + px(PAD)) + parts.below;
-        Layout { data, bar, head: (left, px(PAD)), size: (right, bottom) }
+        FigureLayout { data, bar, head: (left, px(PAD)), size: (right, bottom) }
     }
 }
 
@@ -220,8 +220,8 @@ impl MapPanel {
         }
     }
 
-    fn layout(&self, head: &Head, numbers: &str, below: i32) -> Layout {
-        Layout::new(&Parts {
+    fn layout(&self, head: &Head, numbers: &str, below: i32) -> FigureLayout {
+        FigureLayout::new(&Parts {
             data: (self.raster.width, self.raster.height),
             text: self.text,
             y_labels: self.y.label_width(self.text),
@@ -232,7 +232,7 @@ impl MapPanel {
         })
     }
 
-    fn draw(self, canvas: &Canvas, layout: &Layout) -> Drawn {
+    fn draw(self, canvas: &Canvas, layout: &FigureLayout) -> Drawn {
         canvas.raster(layout.data, self.raster)?;
         canvas.note_if_dark(layout.data, &self.bar)?;
         canvas.frame(layout.data)?;
@@ -288,7 +288,7 @@ pub(crate) fn directions(path: &Path, head: &Head, intensity: &Array2<f64>) -> D
     raster.circle(SIZE as f64 / 2.0 - 1.0, 2.0, [34; 3], 1.0);
 
     let rim = text_width("−135°", text) + px(0.6);
-    let mut layout = Layout::new(&Parts {
+    let mut layout = FigureLayout::new(&Parts {
         data: (SIZE, SIZE),
         text,
         y_labels: rim,
@@ -375,7 +375,7 @@ pub(crate) fn spots(
     const SIZE: usize = 1100;
     const MOST_SPOTS: usize = 200_000;
     let text = text_size((SIZE, SIZE));
-    let Spots { points, bounds, wavelengths } = Spots::of(num_rays, MOST_SPOTS, each)?;
+    let SpotSample { points, bounds, wavelengths } = SpotSample::of(num_rays, MOST_SPOTS, each)?;
     let mut numbers = numbers(head, None);
     if (points.len() as u64) < head.num_rays_hit {
         numbers += &format!(" · {} drawn", thousands(points.len() as u64));
@@ -384,7 +384,7 @@ pub(crate) fn spots(
     let x = Axis::horizontal(&with_unit("x", "mm"), (x_low, x_high), SIZE as i32, text);
     let y = Axis::vertical(&with_unit("y", "mm"), (y_low, y_high), SIZE as i32, text);
     let key = WavelengthKey::new(wavelengths);
-    let layout = Layout::new(&Parts {
+    let layout = FigureLayout::new(&Parts {
         data: (SIZE, SIZE),
         text,
         y_labels: y.label_width(text),
@@ -429,7 +429,7 @@ fn spot_style(count: usize) -> (f64, f64) {
 }
 
 /// What a picture of a ray database needs of its rows.
-struct Spots {
+struct SpotSample {
     /// Every so many rows, such that they are not too many: where the ray crossed \[mm\], and its wavelength \[um\].
     points: Vec<((f64, f64), f64)>,
     /// Least and greatest x and y of all rows \[mm\].
@@ -438,7 +438,7 @@ struct Spots {
     wavelengths: Vec<f64>,
 }
 
-impl Spots {
+impl SpotSample {
     fn of(
         num_rays: u64,
         most: usize,
@@ -460,7 +460,7 @@ impl Spots {
             }
         })
         .map_err(|error| error.to_string())?;
-        Ok(Spots { points, bounds, wavelengths })
+        Ok(SpotSample { points, bounds, wavelengths })
     }
 }
 

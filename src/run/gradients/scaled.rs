@@ -5,7 +5,7 @@ use crate::format::shown;
 use crate::model::{Allowance, Coating, Frame, Interaction, Medium, ReflectProb, SceneIr, SimpleCoating};
 use crate::program::features::has_unit_gradients;
 use crate::program::rewrite::jvp::Parameter;
-use crate::scene::entries::{last_key, moves};
+use crate::scene::named_entries::{last_key, moves};
 use glam::DMat3;
 use rayon::prelude::*;
 

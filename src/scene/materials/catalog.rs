@@ -2,12 +2,12 @@
 
 use std::collections::HashMap;
 
-use crate::scene::materials::entry::{Entry, MAX_LISTED, listed};
+use crate::scene::materials::catalog_entry::{CatalogEntry, MAX_LISTED, listed};
 
 /// The unpacked catalog. A target is an index into the entries, and beyond them into the omitted ones.
 #[derive(Debug)]
 pub(super) struct Catalog {
-    pub(super) entries: Vec<Entry>,
+    pub(super) entries: Vec<CatalogEntry>,
     pub(super) omitted: Vec<Omitted>,
     pub(super) names: Vec<Name>,
     pub(super) by_name: HashMap<String, usize>,
@@ -50,7 +50,7 @@ impl Omission {
 }
 
 impl Catalog {
-    pub(super) fn target(&self, target: usize) -> Result<&Entry, &Omitted> {
+    pub(super) fn target(&self, target: usize) -> Result<&CatalogEntry, &Omitted> {
         self.entries.get(target).ok_or_else(|| &self.omitted[target - self.entries.len()])
     }
 
@@ -59,7 +59,7 @@ impl Catalog {
     }
 
     /// What is doubtful about taking `entry` for the name as it was given.
-    pub(super) fn choice_warning(&self, given: &str, name: &Name, entry: &Entry) -> Option<String> {
+    pub(super) fn choice_warning(&self, given: &str, name: &Name, entry: &CatalogEntry) -> Option<String> {
         let used = format!("{} ({}) is used, as in Optiland", entry.path, entry.title);
         let others: Vec<&str> = name.others.iter().map(|&target| self.path(target)).collect();
         let problem = match (name.exact, others.len()) {
@@ -75,7 +75,7 @@ impl Catalog {
     }
 
     /// Says how to get the glass where another material took its name, as the gas does with SF6.
-    fn glass_hint(&self, name: &Name, entry: &Entry) -> String {
+    fn glass_hint(&self, name: &Name, entry: &CatalogEntry) -> String {
         let glasses = || {
             let entries = name.others.iter().filter_map(|&target| self.target(target).ok());
             entries.filter(|other| !entry.is_glass() && other.is_glass())

@@ -8,19 +8,19 @@
 //! Case does not matter in names, as in Optiland. Wavelengths are in um.
 
 mod catalog;
+mod catalog_bytes;
+mod catalog_entry;
 mod dispersion;
-mod entry;
-mod numbers;
 mod packed;
 
 use std::sync::LazyLock;
 
 use crate::scene::materials::catalog::{Catalog, Name};
-use crate::scene::materials::numbers::AS_WRITTEN;
+use crate::scene::materials::catalog_bytes::AS_WRITTEN;
 
+pub use crate::scene::materials::catalog_entry::CatalogEntry;
+pub(super) use crate::scene::materials::catalog_entry::listed;
 pub use crate::scene::materials::dispersion::{Dispersion, Table};
-pub use crate::scene::materials::entry::Entry;
-pub(super) use crate::scene::materials::entry::listed;
 
 /// The version of Optiland whose catalog is embedded.
 pub const OPTILAND_VERSION: &str = "0.6.3";
@@ -32,7 +32,7 @@ static PACKED: &[u8] = include_bytes!("../catalog.bin");
 #[derive(Debug, Clone, PartialEq)]
 pub struct Resolved {
     /// The entry that Optiland takes.
-    pub entry: &'static Entry,
+    pub entry: &'static CatalogEntry,
     /// What the user should know about the choice: empty where the name is an entry's own and no other's.
     pub warnings: Vec<String>,
 }
@@ -80,9 +80,9 @@ pub fn resolve(name: &str) -> Result<Resolved, Unknown> {
 }
 
 /// Entries whose path, title or page contains every word of `text`, whatever the case, in order of their paths.
-pub fn search(text: &str) -> Vec<&'static Entry> {
+pub fn search(text: &str) -> Vec<&'static CatalogEntry> {
     let text = text.to_lowercase();
-    let matches = |entry: &&Entry| {
+    let matches = |entry: &&CatalogEntry| {
         let description = format!("{} {} {}", entry.path, entry.title, entry.page).to_lowercase();
         text.split_whitespace().all(|word| description.contains(word))
     };
@@ -90,7 +90,7 @@ pub fn search(text: &str) -> Vec<&'static Entry> {
 }
 
 /// Every embedded entry, in order of their paths.
-pub fn entries() -> &'static [Entry] {
+pub fn entries() -> &'static [CatalogEntry] {
     &catalog().entries
 }
 
@@ -102,7 +102,7 @@ pub fn names() -> impl Iterator<Item = &'static str> {
 }
 
 fn catalog() -> &'static Catalog {
-    static INFLATED: LazyLock<Vec<u8>> = LazyLock::new(|| numbers::inflate(PACKED).expect(AS_WRITTEN));
+    static INFLATED: LazyLock<Vec<u8>> = LazyLock::new(|| catalog_bytes::inflate(PACKED).expect(AS_WRITTEN));
     static CATALOG: LazyLock<Catalog> = LazyLock::new(|| packed::unpack(&INFLATED).expect(AS_WRITTEN));
     &CATALOG
 }

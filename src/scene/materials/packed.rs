@@ -5,8 +5,8 @@ use std::collections::HashMap;
 use std::sync::{Arc, OnceLock};
 
 use crate::scene::materials::catalog::{Catalog, Name, Omission, Omitted};
-use crate::scene::materials::entry::Entry;
-use crate::scene::materials::numbers::Reader;
+use crate::scene::materials::catalog_bytes::Reader;
+use crate::scene::materials::catalog_entry::CatalogEntry;
 
 /// Unpacks a catalog, but for the numbers of its entries.
 pub(super) fn unpack(bytes: &'static [u8]) -> Option<Catalog> {
@@ -19,7 +19,7 @@ pub(super) fn unpack(bytes: &'static [u8]) -> Option<Catalog> {
     reader.bytes.is_empty().then(|| index(entries, omitted, names))
 }
 
-fn index(entries: Vec<Entry>, omitted: Vec<Omitted>, names: Vec<Name>) -> Catalog {
+fn index(entries: Vec<CatalogEntry>, omitted: Vec<Omitted>, names: Vec<Name>) -> Catalog {
     let paths = entries.iter().map(|entry| &entry.path).chain(omitted.iter().map(|entry| &entry.path));
     let by_path: HashMap<_, _> =
         paths.enumerate().map(|(target, path)| (path.to_lowercase(), target)).collect();
@@ -28,10 +28,17 @@ fn index(entries: Vec<Entry>, omitted: Vec<Omitted>, names: Vec<Name>) -> Catalo
     Catalog { entries, omitted, names, by_name, by_path }
 }
 
-fn entry(reader: &mut Reader<'static>, references: &[Arc<str>]) -> Option<Entry> {
+fn entry(reader: &mut Reader<'static>, references: &[Arc<str>]) -> Option<CatalogEntry> {
     let (path, title, page) = (reader.text()?, reader.text()?, reader.text()?);
     let reference = references.get(reader.index()?)?.clone();
-    Some(Entry { path, title, page, reference, packed: reader.packed_optics()?, optics: OnceLock::new() })
+    Some(CatalogEntry {
+        path,
+        title,
+        page,
+        reference,
+        packed: reader.packed_optics()?,
+        optics: OnceLock::new(),
+    })
 }
 
 fn omitted(reader: &mut Reader<'_>) -> Option<Omitted> {

@@ -1,14 +1,14 @@
 //! The parts of the window, one file each.
 
 pub mod controls;
-pub mod curves;
-pub mod detector;
-pub mod detectors;
-pub mod export;
-pub mod figures;
-pub mod paths;
-pub mod run;
-pub mod scene;
+pub mod curves_below;
+pub mod detector_plot;
+pub mod export_menu;
+pub mod left_panel;
+pub mod paths_panel;
+pub mod right_panel;
+pub mod run_bar;
+pub mod side_view;
 
 use crate::format;
 use eframe::egui::{self, RichText, Ui};

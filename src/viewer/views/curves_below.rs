@@ -1,15 +1,15 @@
 //! The curves below a detector: values along the line, the spectrum, and the encircled energy.
 
 use crate::format::si_prefix;
-use crate::viewer::compare::Scores;
 use crate::viewer::field::Field;
+use crate::viewer::line_profile::{Line, Sample, profile};
 use crate::viewer::model::Picture;
-use crate::viewer::plot::{Colors, Frame, Plot, View};
-use crate::viewer::profile::{Line, Sample, profile};
+use crate::viewer::plot::{Colors, Plot, PlotFrame, View};
 use crate::viewer::region::EncircledEnergy;
 use crate::viewer::spots::Spots;
 use crate::viewer::state::App;
-use crate::viewer::views::detector::default_line;
+use crate::viewer::two_results::Scores;
+use crate::viewer::views::detector_plot::default_line;
 use eframe::egui::{self, Align2, Color32, FontId, Painter, Rect, Sense, Stroke, Ui, pos2};
 
 /// Two plots side by side.
@@ -128,7 +128,7 @@ impl Lines<'_> {
 
 fn staircase(
     painter: &Painter,
-    frame: &Frame,
+    frame: &PlotFrame,
     start: f64,
     samples: &[Sample],
     color: Color32,
@@ -159,14 +159,14 @@ fn staircase(
     painter.add(egui::Shape::line(points, stroke));
 }
 
-fn legend(painter: &Painter, frame: &Frame, entries: &[(&str, Color32)]) {
+fn legend(painter: &Painter, frame: &PlotFrame, entries: &[(&str, Color32)]) {
     for (index, (name, color)) in entries.iter().enumerate() {
         let place = pos2(frame.rect.right() - 8.0, frame.rect.top() + 8.0 + 15.0 * index as f32);
         painter.text(place, Align2::RIGHT_TOP, *name, FontId::proportional(12.0), *color);
     }
 }
 
-fn note(painter: &Painter, frame: &Frame, text: &str, color: Color32) {
+fn note(painter: &Painter, frame: &PlotFrame, text: &str, color: Color32) {
     let place = frame.rect.right_top() + egui::vec2(-8.0, 6.0);
     painter.text(place, Align2::RIGHT_TOP, text, FontId::proportional(12.0), color);
 }
@@ -310,7 +310,7 @@ fn energy(app: &mut App, ui: &mut Ui, rect: Rect, picture: &Picture) {
     });
 }
 
-fn draw_energy(painter: &Painter, frame: &Frame, curve: &EncircledEnergy, colors: &Colors) {
+fn draw_energy(painter: &Painter, frame: &PlotFrame, curve: &EncircledEnergy, colors: &Colors) {
     let mut points = vec![frame.place((0.0, 0.0))];
     let rings = curve.radius.iter().zip(&curve.fraction);
     points.extend(rings.map(|(radius, fraction)| frame.place((*radius, 100.0 * fraction))));

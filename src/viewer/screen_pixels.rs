@@ -4,7 +4,7 @@ use crate::result::picture::polar::{Disc, Window};
 use crate::result::picture::pyramid::Pyramid;
 use crate::result::picture::raster::{Means, disc, runs};
 use crate::result::picture::scale::{Palette, Scale};
-use crate::viewer::field::{Field, Geometry};
+use crate::viewer::field::{CellGeometry, Field};
 use crate::viewer::plot::View;
 use crate::viewer::spots::Spots;
 use eframe::egui::{Color32, ColorImage};
@@ -20,7 +20,7 @@ pub fn map(
     let color = palette.lookup();
     let color = |value: f64| color(scale.shade(value));
     let raster = match field.geometry {
-        Geometry::Rectangles => {
+        CellGeometry::Rectangles => {
             let (along_x, along_y) = cells_per_pixel(field, view, size);
             let level = pyramid.level(&field.values, along_x.min(along_y) / BLOCKS);
             let (rows, columns) = level.sums.dim();
@@ -33,7 +33,7 @@ pub fn map(
             let x = runs(blocks(field.x_range, view.x, cells.1), columns, size[0]);
             Means::new(&level, &y, &x).paint(color)
         }
-        Geometry::Polar => {
+        CellGeometry::Polar => {
             let limit = field.x_range.1;
             let radii = |(low, high): (f64, f64)| (low / limit, high / limit);
             let colors = field.values.mapv(color);
@@ -67,7 +67,7 @@ pub fn spots(
     size: [usize; 2],
     radius: f64,
 ) -> ColorImage {
-    let mut canvas = Canvas { size, sums: vec![[0.0; 4]; size[0] * size[1]] };
+    let mut canvas = DotSums { size, sums: vec![[0.0; 4]; size[0] * size[1]] };
     let place = |at: f64, (low, high): (f64, f64), count: usize| (at - low) / (high - low) * count as f64;
     for spot in &spots.spots {
         let x = place(spot.at.0, view.x, size[0]);
@@ -84,12 +84,12 @@ pub fn spots(
 }
 
 /// Sums of colours and of coverage.
-struct Canvas {
+struct DotSums {
     size: [usize; 2],
     sums: Vec<[f32; 4]>,
 }
 
-impl Canvas {
+impl DotSums {
     fn dot(&mut self, at: (f64, f64), radius: f64, color: Color32) {
         for (pixel, cover) in disc(self.size, at, radius) {
             let cover = cover as f32;

@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::model::place::ticked;
 use crate::scene::json::{CoordinateSystem, SceneFile};
-use crate::scene::tree::{Array, Value};
+use crate::scene::json_tree::{Array, Value};
 use indexmap::IndexMap;
 
 /// The keys of a frame: positions and angles.

@@ -51,7 +51,7 @@ pub(crate) const MARK: char = '\u{feff}';
 
 #[cfg(test)]
 mod tests {
-    use crate::model::files::text;
+    use crate::model::whole_files::text;
 
     #[test]
     fn encodings() {

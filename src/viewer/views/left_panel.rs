@@ -3,9 +3,9 @@
 use crate::format::with_prefix;
 use crate::program::Precision;
 use crate::result::Detector;
-use crate::viewer::compare::Comparison;
 use crate::viewer::model::{Model, Subject, count};
 use crate::viewer::state::App;
+use crate::viewer::two_results::ComparisonMode;
 use crate::viewer::views::{quiet, title, value};
 use eframe::egui::{self, DragValue, ScrollArea, TextEdit, Ui};
 use std::path::PathBuf;
@@ -83,7 +83,7 @@ fn compare(app: &mut App, ui: &mut Ui) {
     if let Some(b) = app.model.b() {
         let name = b.name.clone();
         ui.horizontal_wrapped(|ui| {
-            for (comparison, name) in Comparison::ALL {
+            for (comparison, name) in ComparisonMode::ALL {
                 ui.selectable_value(&mut app.model.settings.comparison, comparison, name);
             }
         });

@@ -3,11 +3,11 @@
 use crate::result::picture::Rgb;
 use crate::result::picture::scale::{Palette, Scale};
 use crate::result::picture::ticks::ticks;
-use crate::viewer::field::{Field, Geometry};
+use crate::viewer::field::{CellGeometry, Field};
 use crate::viewer::model::{Marks, Picture};
-use crate::viewer::plot::{self, Frame, Plot, Shown, View};
-use crate::viewer::raster;
-use crate::viewer::region::{Outline, Region};
+use crate::viewer::plot::{self, Plot, PlotFrame, ShownPlot, View};
+use crate::viewer::region::{Region, RegionOutline};
+use crate::viewer::screen_pixels;
 use crate::viewer::settings::Tool;
 use crate::viewer::spots::Spots;
 use crate::viewer::state::{App, Cursor, Grab, Painted};
@@ -85,7 +85,7 @@ fn plot(app: &mut App, ui: &mut Ui, rect: Rect, picture: &Arc<Picture>) {
     let shown = plot.show(ui, place, &mut view, |ui, painter, frame| {
         paint(app, ui, painter, frame, picture);
         if let Picture::Map { field, .. } = picture.as_ref()
-            && field.geometry == Geometry::Polar
+            && field.geometry == CellGeometry::Polar
         {
             directions(painter, frame, field);
         }
@@ -123,7 +123,7 @@ fn view_key(app: &App) -> String {
 /// both axes are no lengths.
 fn is_true_to_scale(field: &Field) -> bool {
     let (width, height) = (field.x_range.1 - field.x_range.0, field.y_range.1 - field.y_range.0);
-    let angles = field.labels.x.1 == "°" && field.geometry == Geometry::Rectangles;
+    let angles = field.labels.x.1 == "°" && field.geometry == CellGeometry::Rectangles;
     !angles && width / height < 8.0 && height / width < 8.0
 }
 
@@ -138,7 +138,7 @@ fn color32([r, g, b]: Rgb) -> Color32 {
 }
 
 /// Draws the texture, and makes it anew after a change.
-fn paint(app: &mut App, ui: &Ui, painter: &Painter, frame: &Frame, picture: &Arc<Picture>) {
+fn paint(app: &mut App, ui: &Ui, painter: &Painter, frame: &PlotFrame, picture: &Arc<Picture>) {
     let scale = ui.pixels_per_point();
     let size = size_of(ui, frame);
     let ground = plot::Colors::of(ui).ground;
@@ -152,12 +152,12 @@ fn paint(app: &mut App, ui: &Ui, painter: &Painter, frame: &Frame, picture: &Arc
     if !fresh {
         let image = match picture.as_ref() {
             Picture::Map { field, pyramid, scale, .. } => {
-                raster::map(field, pyramid, (scale, &palette), &frame.view, size)
+                screen_pixels::map(field, pyramid, (scale, &palette), &frame.view, size)
             }
             Picture::Spots(spots) => {
                 let color = |wavelength: f64| wavelength_color(ui, wavelength, spots.wavelengths);
                 let radius = if spots.spots.len() > 5_000 { 1.2 } else { 2.0 };
-                raster::spots(spots, color, ground, &frame.view, size, radius * f64::from(scale))
+                screen_pixels::spots(spots, color, ground, &frame.view, size, radius * f64::from(scale))
             }
         };
         let texture = match app.painted.take() {
@@ -176,9 +176,9 @@ fn paint(app: &mut App, ui: &Ui, painter: &Painter, frame: &Frame, picture: &Arc
 }
 
 /// Shows a note where a pixel of the screen stands for several cells.
-fn note_means(ui: &Ui, painter: &Painter, frame: &Frame, field: &Field) {
-    let (x, y) = raster::cells_per_pixel(field, &frame.view, size_of(ui, frame));
-    if field.geometry == Geometry::Polar || x.max(y) < 1.5 {
+fn note_means(ui: &Ui, painter: &Painter, frame: &PlotFrame, field: &Field) {
+    let (x, y) = screen_pixels::cells_per_pixel(field, &frame.view, size_of(ui, frame));
+    if field.geometry == CellGeometry::Polar || x.max(y) < 1.5 {
         return;
     }
     let cells = |cells: f64| crate::format::significant(cells.max(1.0), 2);
@@ -191,7 +191,7 @@ fn note_means(ui: &Ui, painter: &Painter, frame: &Frame, field: &Field) {
 }
 
 /// Width and height of the plot \[pixels of the screen\].
-fn size_of(ui: &Ui, frame: &Frame) -> [usize; 2] {
+fn size_of(ui: &Ui, frame: &PlotFrame) -> [usize; 2] {
     let scale = ui.pixels_per_point();
     [frame.rect.width(), frame.rect.height()].map(|side| (side * scale).round().max(1.0) as usize)
 }
@@ -206,7 +206,7 @@ fn wavelength_color(ui: &Ui, wavelength: f64, (shortest, longest): (f64, f64)) -
 }
 
 /// Draws rings of the polar angle and spokes of the azimuth.
-fn directions(painter: &Painter, frame: &Frame, field: &Field) {
+fn directions(painter: &Painter, frame: &PlotFrame, field: &Field) {
     let faint = Stroke::new(1.0, Color32::from_white_alpha(46));
     let limit = field.x_range.1;
     let at =
@@ -240,12 +240,12 @@ fn outlined(painter: &Painter, shape: impl Fn(Stroke) -> Shape) {
     painter.add(shape(MARK));
 }
 
-fn draw_marks(painter: &Painter, frame: &Frame, marks: &Marks, picture: &Picture) {
+fn draw_marks(painter: &Painter, frame: &PlotFrame, marks: &Marks, picture: &Picture) {
     if let Some(region) = marks.region {
         let rect = region_rect(frame, &region);
         outlined(painter, |stroke| match region.outline {
-            Outline::Rectangle => Shape::rect_stroke(rect, 0.0, stroke, egui::StrokeKind::Middle),
-            Outline::Ellipse => Shape::ellipse_stroke(rect.center(), rect.size() / 2.0, stroke),
+            RegionOutline::Rectangle => Shape::rect_stroke(rect, 0.0, stroke, egui::StrokeKind::Middle),
+            RegionOutline::Ellipse => Shape::ellipse_stroke(rect.center(), rect.size() / 2.0, stroke),
         });
         corners(&region).iter().for_each(|corner| handle(painter, frame.place(*corner)));
     }
@@ -272,7 +272,7 @@ fn handle(painter: &Painter, place: Pos2) {
     painter.circle(place, 4.0, Color32::WHITE, Stroke::new(1.0, Color32::from_black_alpha(180)));
 }
 
-fn region_rect(frame: &Frame, region: &Region) -> Rect {
+fn region_rect(frame: &PlotFrame, region: &Region) -> Rect {
     let ((x, y), (width, height)) = (region.centre, region.half);
     Rect::from_two_pos(frame.place((x - width, y - height)), frame.place((x + width, y + height)))
 }
@@ -289,7 +289,7 @@ pub fn default_line(field: &Field) -> [(f64, f64); 2] {
 }
 
 /// The mark under the pointer, if it can be dragged.
-fn grab_at(marks: &Marks, tool: Tool, frame: &Frame, picture: &Picture, place: Pos2) -> Option<Grab> {
+fn grab_at(marks: &Marks, tool: Tool, frame: &PlotFrame, picture: &Picture, place: Pos2) -> Option<Grab> {
     let near = |point: (f64, f64)| frame.place(point).distance(place) < REACH;
     let at = frame.point(place);
     if let Picture::Map { field, .. } = picture {
@@ -329,8 +329,8 @@ fn pressed_on_mark(app: &mut App, ui: &Ui, picture: &Picture) -> bool {
     frame.rect.contains(place) && grab_at(app.model.marks(), tool, &frame, picture, place).is_some()
 }
 
-fn drag(app: &mut App, ui: &Ui, shown: &Shown, picture: &Picture) {
-    let Shown { response, frame } = shown;
+fn drag(app: &mut App, ui: &Ui, shown: &ShownPlot, picture: &Picture) {
+    let ShownPlot { response, frame } = shown;
     let tool = app.model.settings.tool;
     let pointer = ui.input(|input| (input.pointer.press_origin(), input.pointer.interact_pos()));
     if response.drag_started_by(PointerButton::Primary)
@@ -377,7 +377,8 @@ fn begin(marks: &mut Marks, tool: Tool, at: (f64, f64), picture: &Picture) -> Op
         }
         Tool::Profile => None,
         Tool::Rectangle | Tool::Ellipse => {
-            let outline = if tool == Tool::Ellipse { Outline::Ellipse } else { Outline::Rectangle };
+            let outline =
+                if tool == Tool::Ellipse { RegionOutline::Ellipse } else { RegionOutline::Rectangle };
             marks.region = Some(Region::between(outline, at, at));
             Some(Grab::Corner { fixed: at })
         }
@@ -416,8 +417,8 @@ fn moved(marks: &mut Marks, grab: Grab, at: (f64, f64), picture: &Picture) -> Gr
 }
 
 /// What the pointer reads, or the pin if the pointer is elsewhere.
-fn read(app: &mut App, shown: &Shown, picture: &Picture) -> Option<Cursor> {
-    let Shown { response, frame } = shown;
+fn read(app: &mut App, shown: &ShownPlot, picture: &Picture) -> Option<Cursor> {
+    let ShownPlot { response, frame } = shown;
     let hovered = response.hover_pos().filter(|place| frame.rect.contains(*place));
     let at = hovered.map(|place| frame.point(place)).or(app.model.marks().pin)?;
     let mut cursor = Cursor { at, cell: None, value: None, spot: None, pinned: hovered.is_none() };

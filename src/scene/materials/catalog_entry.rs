@@ -2,15 +2,15 @@
 
 use std::sync::{Arc, OnceLock};
 
+use crate::scene::materials::catalog_bytes::{self, AS_WRITTEN, Optics};
 use crate::scene::materials::dispersion::{Dispersion, Table};
-use crate::scene::materials::numbers::{self, AS_WRITTEN, Optics};
 
 /// How many suggestions or alternatives a message lists.
 pub(super) const MAX_LISTED: usize = 5;
 
 /// One measurement or data sheet of one material.
 #[derive(Debug)]
-pub struct Entry {
+pub struct CatalogEntry {
     /// Its place in the catalog, such as `glass/schott/N-BK7`.
     pub path: String,
     /// The material, such as `Ag (Silver)`.
@@ -25,13 +25,13 @@ pub struct Entry {
 }
 
 /// Entries are the same if their paths are.
-impl PartialEq for Entry {
+impl PartialEq for CatalogEntry {
     fn eq(&self, other: &Self) -> bool {
         self.path == other.path
     }
 }
 
-impl Entry {
+impl CatalogEntry {
     /// The refractive index.
     pub fn dispersion(&self) -> &Dispersion {
         &self.optics().dispersion
@@ -43,7 +43,7 @@ impl Entry {
     }
 
     fn optics(&self) -> &Optics {
-        self.optics.get_or_init(|| numbers::optics(self.packed).expect(AS_WRITTEN))
+        self.optics.get_or_init(|| catalog_bytes::optics(self.packed).expect(AS_WRITTEN))
     }
 
     /// Refractive index at a wavelength \[um\]. A table is constant beyond its ends; a formula is extrapolated, and

@@ -10,7 +10,7 @@
 
 use crate::error::{Error, Result};
 use crate::model::path_filter::{
-    Comparison, Count, Events, MOST_MARKS, MOST_PARTS, MOST_PATTERNS, Mark, Part, PathFilter, Pattern, Term,
+    Count, Events, MOST_MARKS, MOST_PARTS, MOST_PATTERNS, Mark, Part, PathFilter, Pattern, Relation, Term,
 };
 use crate::model::place::{did_you_mean, quoted, ticked};
 use crate::model::{SceneIr, StepKind};
@@ -103,7 +103,7 @@ fn tokens(text: &str) -> Result<Vec<Token>> {
             }
             _ => {
                 let rest: String = chars[start..].iter().take(2).collect();
-                let signs = Comparison::ALL.iter().map(|(sign, _)| *sign).chain(["(", ")"]);
+                let signs = Relation::ALL.iter().map(|(sign, _)| *sign).chain(["(", ")"]);
                 let Some(sign) = signs.into_iter().find(|sign| rest.starts_with(sign)) else {
                     let remedy = match first {
                         '=' => "two are equal by `==`",
@@ -243,7 +243,7 @@ impl Reader<'_> {
 
     fn comparison(&mut self, name: &str, count: Count) -> Result<Term> {
         let sign = self.next("a comparison, such as `== 2`,")?;
-        let known = Comparison::ALL.iter().find(|(known, _)| sign.kind == Kind::Sign(known));
+        let known = Relation::ALL.iter().find(|(known, _)| sign.kind == Kind::Sign(known));
         let Some((_, comparison)) = known else {
             let remedy = format!("compare, as in `{name} == 2`; known here: == != < <= > >=");
             return Err(self.error(sign.column, &format!("{} is no comparison", sign.shown()), &remedy));

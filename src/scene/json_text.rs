@@ -10,7 +10,7 @@ use serde::de::{self, DeserializeSeed, Deserializer, MapAccess, SeqAccess, Visit
 use serde_json::Number;
 
 use crate::model::place::Place;
-use crate::scene::tree::{Array, Value};
+use crate::scene::json_tree::{Array, Value};
 use crate::{Error, Result};
 
 /// Longest scene text that is read \[bytes\]; numbers in rows take at most four times as much memory, and twice that while they

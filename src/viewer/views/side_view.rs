@@ -4,8 +4,8 @@ use crate::format::thousands;
 use crate::model::shapes::{Geometry, circle};
 use crate::model::{Frame as LocalFrame, Interaction, Mesh, SceneIr};
 use crate::result::PathColumns;
-use crate::viewer::light::{Light, Rays};
-use crate::viewer::plot::{Colors, Frame, Plot, View};
+use crate::viewer::light::{Light, RaysOfPaths};
+use crate::viewer::plot::{Colors, Plot, PlotFrame, View};
 use crate::viewer::settings::{Plane, RayColor};
 use crate::viewer::state::App;
 use eframe::egui::{self, Align2, Color32, FontId, Painter, Shape, Stroke, Ui};
@@ -79,12 +79,12 @@ pub fn show(app: &mut App, ui: &mut Ui) {
 }
 
 /// The rays of the light that is shown, and what is to be said of them.
-fn of_light(light: &Light, rays: Rays) -> (Option<Arc<PathColumns>>, Option<String>) {
+fn of_light(light: &Light, rays: RaysOfPaths) -> (Option<Arc<PathColumns>>, Option<String>) {
     let caption = light.caption().unwrap_or_default();
     match rays {
-        Rays::Searching => (None, Some(format!("Rays are being looked for. {caption}"))),
-        Rays::Missing(problem) => (None, Some(format!("No rays: {problem}. {caption}"))),
-        Rays::Found(rays) => {
+        RaysOfPaths::Searching => (None, Some(format!("Rays are being looked for. {caption}"))),
+        RaysOfPaths::Missing(problem) => (None, Some(format!("No rays: {problem}. {caption}"))),
+        RaysOfPaths::Found(rays) => {
             let searched = thousands(rays.num_searched);
             let remark = format!("{} of the first {searched} rays. {caption}", rays.num_arrivals);
             (Some(rays.columns.clone()), Some(remark))
@@ -179,7 +179,7 @@ impl Drawing {
         0.35 * (x.1 - x.0).hypot(y.1 - y.0)
     }
 
-    fn draw(&self, painter: &Painter, frame: &Frame, ui: &Ui) {
+    fn draw(&self, painter: &Painter, frame: &PlotFrame, ui: &Ui) {
         let colors = Colors::of(ui);
         let dark = ui.visuals().dark_mode;
         let pick = |on_dark: Color32, on_light: Color32| if dark { on_dark } else { on_light };
@@ -243,7 +243,7 @@ fn radial(frame: &LocalFrame, plane: Plane) -> DVec3 {
 }
 
 /// Draws the recorded rays, segment by segment.
-fn rays(painter: &Painter, frame: &Frame, paths: &PathColumns, plane: &Plane, by: RayColor, reach: f64) {
+fn rays(painter: &Painter, frame: &PlotFrame, paths: &PathColumns, plane: &Plane, by: RayColor, reach: f64) {
     let point = |row: usize| {
         let [x, y, z] = &paths.position;
         DVec3::new(x[row], y[row], z[row])

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use crate::format::{plain, shown, significant, thousands};
 use crate::result::StoppedBy;
-use crate::result::{Entry, PathTable, TraceResult, few_rays, gradients};
+use crate::result::{LedgerEntry, PathTable, TraceResult, few_rays, gradients};
 
 /// Rows of the table of paths that a report of a trace shows.
 const TOP_PATHS: usize = 10;
@@ -94,7 +94,7 @@ impl TraceResult {
         table
     }
 
-    fn flux_line(&self, table: &mut String, name: &str, entry: Entry) {
+    fn flux_line(&self, table: &mut String, name: &str, entry: LedgerEntry) {
         let share = format!("{:.4}", 100.0 * self.fraction_of_launched(entry.flux));
         let flux = significant(entry.flux, 7);
         let _ = writeln!(table, "{name:<18}{flux:>14}{share:>14}{:>18}", thousands(entry.count));

@@ -5,7 +5,7 @@ use crate::result::{Detector, TraceResult, npz_files, output, png};
 use crate::viewer::export::{fields_csv, free_path, spots_csv, write_new};
 use crate::viewer::model::{Picture, Subject};
 use crate::viewer::state::App;
-use crate::viewer::views::paths;
+use crate::viewer::views::paths_panel;
 use eframe::egui::{TextEdit, Ui};
 use std::path::{Path, PathBuf};
 
@@ -45,7 +45,7 @@ enum Format {
 
 fn write(app: &mut App, format: Format) -> Result<PathBuf> {
     if let Format::Paths = format {
-        return paths::export(app);
+        return paths_panel::export(app);
     }
     let folder = PathBuf::from(app.export_folder.trim());
     std::fs::create_dir_all(&folder).map_err(|error| Error::file(&folder, error))?;

@@ -2,10 +2,10 @@
 
 use crate::format::{percent, significant, thousands};
 use crate::result::few_rays::ENOUGH_RAYS;
-use crate::result::{Entry, TraceResult};
+use crate::result::{LedgerEntry, TraceResult};
 use crate::viewer::field::Labels;
 use crate::viewer::model::{Picture, RegionFigures, Subject};
-use crate::viewer::region::{EncircledEnergy, Outline, Statistics};
+use crate::viewer::region::{EncircledEnergy, RegionOutline, Statistics};
 use crate::viewer::state::App;
 use crate::viewer::views::{quiet, row, table, title, value, with_error};
 use eframe::egui::{ScrollArea, Ui};
@@ -75,8 +75,8 @@ fn region(app: &mut App, ui: &mut Ui) {
         ui,
         match region.map(|region| region.outline) {
             None => "Whole plot",
-            Some(Outline::Rectangle) => "Rectangle",
-            Some(Outline::Ellipse) => "Ellipse",
+            Some(RegionOutline::Rectangle) => "Rectangle",
+            Some(RegionOutline::Ellipse) => "Ellipse",
         },
     );
     let labels = match picture.as_ref() {
@@ -151,7 +151,7 @@ fn encircled(ui: &mut Ui, curve: &EncircledEnergy, labels: &Labels) {
 fn ledger(ui: &mut Ui, result: &TraceResult) {
     title(ui, "Ledger");
     let ledger = &result.ledger;
-    let line = |ui: &mut Ui, name: &str, entry: Entry| {
+    let line = |ui: &mut Ui, name: &str, entry: LedgerEntry| {
         if entry.quanta > 0 {
             let share = percent(result.fraction_of_launched(entry.flux));
             row(ui, name, &format!("{} · {share}", value(entry.flux, "W")));

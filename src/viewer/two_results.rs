@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 /// What is shown of two results.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Comparison {
+pub enum ComparisonMode {
     /// The result that was opened or is being traced.
     #[default]
     A,
@@ -18,18 +18,18 @@ pub enum Comparison {
     Significance,
 }
 
-impl Comparison {
+impl ComparisonMode {
     /// All choices, in the order of the menu.
-    pub const ALL: [(Comparison, &'static str); 4] = [
-        (Comparison::A, "A"),
-        (Comparison::B, "B"),
-        (Comparison::Difference, "A − B"),
-        (Comparison::Significance, "(A − B) / σ"),
+    pub const ALL: [(ComparisonMode, &'static str); 4] = [
+        (ComparisonMode::A, "A"),
+        (ComparisonMode::B, "B"),
+        (ComparisonMode::Difference, "A − B"),
+        (ComparisonMode::Significance, "(A − B) / σ"),
     ];
 
     /// True for quantities that lie around zero.
     pub fn is_difference(self) -> bool {
-        matches!(self, Comparison::Difference | Comparison::Significance)
+        matches!(self, ComparisonMode::Difference | ComparisonMode::Significance)
     }
 }
 
@@ -37,7 +37,7 @@ impl Comparison {
 ///
 /// # Errors
 /// Why the two cannot be compared cell by cell.
-pub fn difference(comparison: Comparison, a: &Field, b: &Field) -> Result<Field, String> {
+pub fn difference(comparison: ComparisonMode, a: &Field, b: &Field) -> Result<Field, String> {
     let same = a.geometry == b.geometry && a.labels == b.labels && a.dim() == b.dim();
     if !same {
         let [(rows_a, columns_a), (rows_b, columns_b)] = [a.dim(), b.dim()];
@@ -58,7 +58,7 @@ pub fn difference(comparison: Comparison, a: &Field, b: &Field) -> Result<Field,
     });
     let mut field = Field { values, sigma, hits: &a.hits + &b.hits, ..a.clone() };
     field.labels.value.0 = "A − B";
-    if comparison == Comparison::Significance {
+    if comparison == ComparisonMode::Significance {
         field.values =
             zip(
                 &field.values,
@@ -146,12 +146,12 @@ mod tests {
         let a = field(array![[8.0, 3.0, 0.0]], array![[4, 9, 0]]);
         let b = field(array![[5.0, 0.0, 0.0]], array![[1, 0, 0]]);
         let difference_of = |comparison| difference(comparison, &a, &b).unwrap();
-        let difference = difference_of(Comparison::Difference);
+        let difference = difference_of(ComparisonMode::Difference);
         assert_eq!(difference.values, array![[3.0, 3.0, 0.0]]);
         // 8 / sqrt(4) = 4 and 5 / sqrt(1) = 5; then only A's 3 / sqrt(9) = 1 is known.
         assert_eq!(difference.sigma[(0, 0)], 4f64.hypot(5.0));
         assert_eq!(difference.sigma[(0, 1)], 1.0);
-        let significance = difference_of(Comparison::Significance);
+        let significance = difference_of(ComparisonMode::Significance);
         assert_eq!(significance.values[(0, 0)], 3.0 / 4f64.hypot(5.0));
         assert_eq!(significance.values[(0, 1)], 3.0);
         assert!(significance.values[(0, 2)].is_nan(), "nothing is known of a cell that no ray hit");
@@ -166,6 +166,6 @@ mod tests {
     fn other_cells_are_not_subtracted() {
         let a = field(array![[1.0, 2.0]], array![[1, 1]]);
         let b = field(array![[1.0]], array![[1]]);
-        assert!(difference(Comparison::Difference, &a, &b).unwrap_err().contains("2 × 1"));
+        assert!(difference(ComparisonMode::Difference, &a, &b).unwrap_err().contains("2 × 1"));
     }
 }

@@ -5,7 +5,7 @@ use crate::result::StoppedBy;
 use crate::viewer::model::Model;
 use crate::viewer::state::App;
 use crate::viewer::tracing::State;
-use crate::viewer::views::export;
+use crate::viewer::views::export_menu;
 use eframe::egui::{self, ProgressBar, RichText, Ui};
 
 /// Pauses the trace, or lets it go on.
@@ -46,7 +46,7 @@ pub fn show(app: &mut App, ui: &mut Ui) {
                 ui.ctx().copy_text(command.clone());
                 app.model.messages.push(format!("copied: {command}"));
             }
-            export::menu(app, ui);
+            export_menu::menu(app, ui);
         });
     });
     ui.add_space(2.0);

@@ -4,8 +4,8 @@ use crate::error::{Error, Result};
 use crate::format::thousands;
 use crate::result::{Grouping, LightPath};
 use crate::viewer::export::{free_path, write_new};
-use crate::viewer::following::Rest;
-use crate::viewer::light::{Light, Shown, Stage};
+use crate::viewer::following::RestOfLight;
+use crate::viewer::light::{Light, ShownLight, TableStage};
 use crate::viewer::model::Model;
 use crate::viewer::state::App;
 use crate::viewer::views::{quiet, title, value};
@@ -52,18 +52,18 @@ pub fn show(app: &mut App, ui: &mut Ui) {
         return;
     }
     match app.model.light.stage() {
-        Stage::None => offer(&mut app.model, ui),
-        Stage::Following(done) => {
+        TableStage::None => offer(&mut app.model, ui),
+        TableStage::Following(done) => {
             under_way(&app.model.light, ui, &format!("Light is followed: {} rays so far", thousands(done)));
         }
-        Stage::Listing => {
+        TableStage::Listing => {
             under_way(&app.model.light, ui, "The same rays are traced again, for maps of the first rows")
         }
-        Stage::Failed(problem) => {
+        TableStage::Failed(problem) => {
             ui.colored_label(ui.visuals().error_fg_color, problem);
             offer(&mut app.model, ui);
         }
-        Stage::Listed => {
+        TableStage::Listed => {
             controls(app, ui);
             table(&mut app.model.light, ui);
         }
@@ -233,7 +233,7 @@ fn of_row(light: &Light, index: usize, row: &LightPath) -> Line {
         short: short(light, row),
         sequence: row.sequence.clone(),
         hint,
-        is_shown: light.shown() == Shown::Row(index),
+        is_shown: light.shown() == ShownLight::Row(index),
         tick: has_map.then(|| light.is_ticked(index)),
     }
 }
@@ -249,7 +249,7 @@ fn short(light: &Light, row: &LightPath) -> String {
     if turns.is_empty() { "direct".into() } else { turns.join(" > ") }
 }
 
-fn of_rest(light: &Light, rest: &Rest) -> Line {
+fn of_rest(light: &Light, rest: &RestOfLight) -> Line {
     let rows = thousands(rest.num_rows as u64);
     let direct = if rest.may_be_direct { "\nSome of it may be direct light." } else { "" };
     Line {
