@@ -4,7 +4,7 @@
 use clap::Parser;
 use nsq_gpu::Error;
 use nsq_gpu::cli::materials::{Args, run};
-use nsq_gpu::scene::materials::{Entry, entries, names, resolve, search};
+use nsq_gpu::scene::materials::{CatalogEntry, entries, names, resolve, search};
 use proptest::prelude::*;
 use serde::Deserialize;
 
@@ -28,7 +28,7 @@ fn oracle() -> Oracle {
     serde_json::from_str(include_str!("data/materials.json")).expect("the oracle follows its layout")
 }
 
-fn entry(name: &str) -> &'static Entry {
+fn entry(name: &str) -> &'static CatalogEntry {
     resolve(name).expect("the catalog has it").entry
 }
 

@@ -13,9 +13,9 @@ pub const MOST_LAUNCHED: u64 = 1 << LAUNCHED_BITS;
 /// Bits of the number: ids keep within the positive 64-bit integers.
 pub const NUMBER_BITS: u32 = 63 - LAUNCHED_BITS;
 
-/// Independent scrambles of Sobol's points, by which a trace estimates its own error: the lowest bits of a launched ray's id
-/// choose, so that every range of rays has its share of each. With more of them the error would be known better, and each
-/// would have fewer points to spread evenly.
+/// Independent scrambles of Sobol's points, by which a trace estimates its own error: the lowest bits of a launched
+/// ray's id choose one. So every range of rays has its share of each. With more of them the error would be known
+/// better, and each would have fewer points to spread evenly.
 pub const NUM_REPLICATES: u32 = 16;
 
 /// The id of a ray of a family.

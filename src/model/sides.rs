@@ -1,9 +1,9 @@
 //! Whether the faces of solids agree on what is inside, found by a few rays of the host's own.
 //!
-//! From points of each boundary between media a ray goes out on either side. The medium where the ray starts must be the
-//! one on this side of the next boundary, or the one about the scene where nothing is met. Each such way is a link
-//! between two sides. A face that is turned inside out disagrees along most of its links, and agrees once it is turned
-//! back.
+//! From points of each boundary between media a ray goes out on either side. The medium where the ray starts must be
+//! the medium on this side of the next boundary. If nothing is met, it must be the medium around the scene. Each such
+//! way is a link between two sides. A face that is turned inside out disagrees along most of its links, and agrees
+//! once it is turned back.
 
 use crate::model::primitives::primitives;
 use crate::model::surface_optics::is_boundary;

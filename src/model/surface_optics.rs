@@ -11,7 +11,7 @@ pub fn reflectance(surface: &Surface, wavelength: usize) -> f64 {
     }
 }
 
-/// T / (1 - R) of a simple coating at a wavelength of the scene: the share of what it does not reflect that it lets pass.
+/// T / (1 - R) of a simple coating at a wavelength of the scene: the transmitted share of what it does not reflect.
 pub fn coating_pass(surface: &Surface, wavelength: usize) -> f64 {
     match surface.coating.as_ref().and_then(Coating::simple) {
         None => 1.0,

@@ -316,8 +316,8 @@ fn limit_of_largest(limit: f64, num: u64) -> f64 {
     0.5 * (low + high)
 }
 
-/// ln of the probability that a normal variable is beyond `z` of either sign, to 6 % of the probability: the bound of
-/// Abramowitz and Stegun, 7.1.13.
+/// ln of the probability that a normal variable is beyond `z` of either sign, to 6 % of the probability (Abramowitz
+/// and Stegun, 7.1.13).
 fn log_tail(z: f64) -> f64 {
     let x = z / 2f64.sqrt();
     (2.0 / std::f64::consts::PI.sqrt()).ln() - x * x - (x + (x * x + 4.0 / std::f64::consts::PI).sqrt()).ln()

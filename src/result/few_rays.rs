@@ -7,11 +7,12 @@
 //! Sampling, 1965). Equal rays count one each. Where one ray brings almost all, the flux rests on one ray. Where squares were
 //! not summed, each deposit counts.
 //!
-//! **The bound.** Rays that bring a flux come by a Poisson law. A flux F, of rays that each bring w at most, has the upper limit
-//! U = w/2 chi2(0.95; 2 (F/w + 1)) (Garwood, Biometrika 28, 1936), which a trace in twenty exceeds at most. w is what a new ray
-//! carries on average, since coatings, media and scattering only take from that. Where sampling made rays heavier than that,
-//! what they may carry is not known. Then w is the mean weight of those that were seen, each counted by what it brought. No
-//! bound of light that a detector absorbs is above what the sources launch.
+//! **The bound.** Rays that bring a flux come by a Poisson law. Let each ray bring w at most. A flux F then has the
+//! upper limit U = w/2 chi2(0.95; 2 (F/w + 1)) (Garwood, Biometrika 28, 1936). At most one trace in twenty exceeds
+//! it. The weight w is what a new ray carries on average, since coatings, media and scattering only take from that.
+//! Where sampling made rays heavier than that, what they may carry is not known. Then w is the mean weight of those
+//! that were seen, each counted by what it brought. No bound of light that a detector absorbs is above what the
+//! sources launch.
 
 use crate::format::{significant, thousands};
 use crate::result::{FluxUnit, QUANTA_PER_WEIGHT};

@@ -18,8 +18,8 @@ pub struct Gradient {
     pub flux: f64,
     /// Its standard error; none from too few rays.
     pub standard_error: Option<f64>,
-    /// Derivative of the detector's map, in the shape and order of its array, in the map's unit per unit of the parameter;
-    /// none of a ray database.
+    /// Derivative of the detector's map, in the shape and order of its array, in the map's unit per unit of the
+    /// parameter. `None` for a ray database.
     #[serde(skip)]
     pub map: Option<ArrayD<f64>>,
     /// Standard errors of `map`.

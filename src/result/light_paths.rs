@@ -45,8 +45,8 @@ pub struct LightPath {
     /// Standard error of the flux \[W\]; null where it is not known. Where a ray can bring light by several of the row's
     /// sequences, it is an upper bound.
     pub standard_error: Option<f64>,
-    /// Where the flux rests on fewer than ten rays, `rests_on` says on how many, and `upper_bound_95` what it is below with
-    /// 95 % confidence; both are missing else.
+    /// If the flux rests on fewer than ten rays: their number, `rests_on`, and a bound of the flux with 95 %
+    /// confidence, `upper_bound_95`. Otherwise both are missing.
     #[serde(flatten)]
     pub few_rays: Option<FewRays>,
     /// Rays that brought the light.

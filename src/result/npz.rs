@@ -26,8 +26,8 @@ enum Destination {
     Memory(Vec<(String, Vec<u8>)>),
 }
 
-/// A file that takes nothing more once something could not be written, and only pretends to: the archive's writer goes on to
-/// write its end, and would complain on stderr if it could not.
+/// A file that ignores all writes after one that failed. The archive's writer goes on to write its end, and would
+/// complain on stderr if it could not.
 struct UntilFailure {
     file: File,
     failed: bool,

@@ -1,10 +1,10 @@
 //! The files of a result: `report.json`, one `.npz` and one `.png` per detector, `ray_paths.npz` if paths were recorded.
 //!
-//! Written whole or not at all. Everything is written to a hidden folder on the same file system first. A new folder then
-//! appears in one rename. One that exists is exchanged for the new one in one step, in which what else it held is found
-//! again: as the same files, by links. Where that cannot be ([`Target::is_exchangeable`]) the files are renamed one by one,
-//! and all is undone if any rename fails, or by the next run if this one is killed. Files of the result that was there before
-//! go with it. Files that this program has not written are never replaced.
+//! Written whole or not at all. Everything is written to a hidden folder on the same file system first. A new folder
+//! then appears in one rename. One that exists is exchanged for the new one in one step, in which what else it held
+//! is found again: as the same files, by links. A folder that cannot be exchanged ([`Target::is_exchangeable`]) has
+//! its files renamed one by one. If a rename fails, all are undone; if this run is killed, the next one undoes them.
+//! Files of the result that was there before go with it. Files that this program has not written are never replaced.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fs::{self, File, OpenOptions};
@@ -196,8 +196,8 @@ impl Target {
         scratch.map_err(|error| Error::file(dir, error))
     }
 
-    /// True if the folder may be exchanged for another one: it holds no folders, which no link can keep, nobody but its owner
-    /// writes it, no file system is mounted there, and this process does not stand in it.
+    /// True if the folder may be exchanged for another one. It holds no folders, which no link can keep, and only its
+    /// owner writes it. No file system is mounted there, and this process does not stand in it.
     fn is_exchangeable(&self) -> bool {
         let stands_here = || std::env::current_dir().is_ok_and(|here| here.starts_with(&self.base));
         let has_folders = || {
@@ -366,8 +366,8 @@ fn keep_others(journal: &Journal, staged: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Makes a new folder like the one whose place it takes; false if it cannot be: of another owner, or with attributes of its
-/// own, such as access lists.
+/// Makes a new folder like the one whose place it takes. False if that is impossible, because the old one has another
+/// owner, or attributes such as access lists.
 #[cfg(unix)]
 fn is_like(real: &Path, staged: &Path) -> bool {
     use std::os::unix::fs::MetadataExt;

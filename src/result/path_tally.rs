@@ -1,7 +1,7 @@
 //! Light by its path: exact sums for each sequence of events.
 //!
-//! A table holds at most so many sequences. Where a trace has more of them, a pilot decides beforehand which of them have
-//! a row, and all other light is summed up by its end. So the sums of parts of a trace add up to the sums of the whole,
+//! A table holds at most so many sequences. If a trace has more sequences, a pilot decides beforehand which ones have
+//! a row. All other light is summed up by its end. So the sums of parts of a trace add up to the sums of the whole,
 //! however the trace is cut.
 
 use crate::model::sequence::{End, Sequence};

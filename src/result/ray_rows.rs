@@ -1,8 +1,8 @@
 //! What a trace records row by row, in the order of (ray id, event): in memory, or in files without a name that vanish
 //! with the process.
 //!
-//! A row is [`WORDS`] words of 64 bits. Rows are kept in blocks, each column by column, so that a file of results is
-//! written one column after the other while every row is read once. Only the last, incomplete block is always in
+//! A row is [`WORDS`] words of 64 bits. Rows are kept in blocks, each column by column. So a file of results is
+//! written one column after the other, while every row is read once. Only the last, incomplete block is always in
 //! memory: that bounds what a trace of any length holds.
 
 use std::collections::VecDeque;

@@ -15,8 +15,8 @@ pub struct RaySpan {
     pub source: u32,
 }
 
-/// The ids of the rays that were traced: spans in ascending order, neighbours joined, so that it does not depend on how
-/// the rays were cut into passes.
+/// The ids of the rays that were traced, as spans in ascending order. Neighbours are joined, so that the set does not
+/// depend on how the rays were cut into passes.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RaySet {
     spans: Vec<RaySpan>,

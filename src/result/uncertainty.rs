@@ -1,19 +1,19 @@
 //! Standard errors, from the first and second moments over primary rays.
 //!
-//! The rays of a source are independent draws of one distribution; so the variance of a sum over n of them is estimated
-//! without bias by n/(n-1) (Q - S^2/n), where S is the sum of the rays' contributions and Q the sum of their squares. A
+//! The rays of a source are independent draws of one distribution. The variance of a sum over n rays is estimated
+//! without bias by n/(n-1) (Q - S^2/n). S is the sum of the rays' contributions, and Q the sum of their squares. A
 //! contribution is all that one primary ray leaves in the cell, however often it comes by.
 //!
-//! Sobol's points are no independent draws. Their error is that between R independent scrambles of them, each with its share
-//! of every source's rays: sums S_r over n_r rays, of S over n, estimate the variance of S as
-//! R/(R-1) sum (S_r - n_r/n S)^2, with R - 1 degrees of freedom. It is without bias where all n_r are equal; else it is too
-//! large by about the square of one ray of each source, and never too small by more.
+//! Sobol's points are no independent draws. Their error is the spread between R independent scrambles, each with its
+//! share of every source's rays. Scramble r has the sum S_r over n_r rays, and all rays have S over n. The variance
+//! of S is estimated as R/(R-1) sum (S_r - n_r/n S)^2, with R - 1 degrees of freedom. It is without bias if all n_r
+//! are equal. Otherwise it is too large by about the square of one ray of each source, and never too small by more.
 //!
-//! The error of a map is the sum over its cells of their standard errors, over the sum of their values: the mean of the
-//! cells' relative errors, each weighted by the light in the cell. So a cell counts for what it holds, and neither stray
-//! light nor the outer taps of a splat rule the figure. A cell without a ray has an estimated error of 0, and the root of
-//! few hits is on average smaller than the root of the hits expected: by 23 % at one hit a cell, 3 % at five. So the error
-//! of a map is at most about 100 %, and too small where most of its light falls on cells of few hits.
+//! The error of a map is the sum of its cells' standard errors over the sum of their values. It is the mean of the
+//! cells' relative errors, weighted by the light in each cell. So a cell counts for what it holds, and neither stray
+//! light nor the outer taps of a splat rule the figure. A cell without a ray has an estimated error of 0. The root of
+//! few hits is on average smaller than the root of the hits expected, by 23 % at one hit a cell and 3 % at five. So
+//! the error of a map is at most about 100 %, and too small where most of its light falls on cells of few hits.
 
 use crate::model::SceneIr;
 use crate::model::ray_id::NUM_REPLICATES;

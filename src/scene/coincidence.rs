@@ -1,5 +1,5 @@
-//! Warnings of faces in one place for which physics has no answer: a detector in a surface, an absorber in a mirror or a
-//! refracting face, a source in a face whose sides differ.
+//! Warnings of coincident faces for which physics has no answer. Such are a detector in a surface, an absorber in a
+//! mirror or a refracting face, and a source in a face whose sides differ.
 
 use std::f64::consts::FRAC_PI_2;
 

@@ -1,9 +1,9 @@
 //! A tree of JSON values -> typed structs, by serde, with errors that name the place and the remedy.
 //!
 //! Two things differ from serde_json's own deserializer. An enum is read from an object by its `type` key without
-//! buffering, so that paths stay whole; and an enum can take other JSON kinds by variants named `$null`, `$number`,
-//! `$string` and `$object` (an object without `type`). Numbers accept the strings that [`crate::scene::json_text`] writes for the
-//! non-finite ones.
+//! buffering, so that paths stay whole. An enum takes other kinds of JSON by variants named `$null`, `$number`,
+//! `$string` and `$object` (an object without `type`). Numbers accept the strings that [`crate::scene::json_text`]
+//! writes for the non-finite ones.
 
 use indexmap::IndexMap;
 use serde::de::value::StrDeserializer;

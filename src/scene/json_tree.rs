@@ -1,5 +1,5 @@
-//! A tree of JSON values that takes little more memory than what it holds: rows of numbers, of which meshes and tables are made,
-//! are stored as rows.
+//! A tree of JSON values that takes little more memory than its contents. Rows of numbers, of which meshes and tables
+//! are made, are stored as rows.
 
 use indexmap::IndexMap;
 use serde_json::Number;

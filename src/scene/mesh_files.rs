@@ -1,7 +1,7 @@
 //! Mesh files: STL, as text or binary, and OBJ, of which vertices and faces are read, in all dialects that trimesh reads.
 //!
-//! The readers are our own: a file may come from anywhere, so sizes in it are checked before memory is taken, messages
-//! name the line, and coordinates keep the digits that the text has.
+//! The readers are our own, because a file may come from anywhere. They check sizes before they take memory, name the
+//! line in messages, and keep all digits of coordinates.
 
 use std::borrow::Cow;
 use std::collections::HashMap;
@@ -274,8 +274,9 @@ fn records(text: &str) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
     })
 }
 
-/// The triangles from a corner that sees every other, so that each point of the face lies in one of them; the first without
-/// triangles that have no area, if there is one. None if no corner does, of the first so many of a long face.
+/// The triangles from a corner that sees every other corner, so that each point of the face lies in one of them. The
+/// first corner whose triangles all have an area is preferred. None if no corner does, of the first so many of a long
+/// face.
 fn fan(corners: &[u32], vertices: &[DVec3]) -> Option<Vec<[u32; 3]>> {
     const MOST_TRIED: usize = 1 << 8;
     /// Share of the face that triangles may lie outside it, where corners in a row are rounded.

@@ -1,7 +1,7 @@
-//! Whether the surfaces of a lens close up, by Optiland's two tests: every sampled point of a rim has a neighbour on
-//! another surface's rim, and rays from the centroid leave through an odd number of surfaces.
+//! Checks that the surfaces of a lens close up, by Optiland's two tests. Every sampled point of a rim has a neighbour
+//! on another surface's rim. Rays from the centroid leave through an odd number of surfaces.
 //!
-//! The tests run in the frame of the compound, where Optiland's run in global coordinates: the verdict is the same
+//! The tests run in the frame of the compound, while Optiland's run in global coordinates. The verdict is the same
 //! near the origin, and does not drown in rounding far from it.
 
 use glam::DVec3;

@@ -63,7 +63,7 @@ mod tests {
 
     #[test]
     fn a_map_has_a_line_a_cell_and_units_above() {
-        let field = Field::of_irradiance(&IrradianceMap {
+        let field = Field::of_result(&IrradianceMap {
             irradiance: array![[0.5, 0.0]],
             x_coords: Array1::zeros(2),
             y_coords: Array1::zeros(1),

@@ -1,7 +1,7 @@
 //! What a map shows: values over a plane, for every kind of detector.
 
 use crate::result::detectors::{CellMap, Span};
-use crate::result::{FarFieldPattern, SpectralMap};
+use crate::result::SpectralMap;
 use ndarray::{Array2, Axis, Ix2};
 
 /// How the cells of a field lie in the plane of a plot.
@@ -68,9 +68,6 @@ fn sigma_from_hits(values: &Array2<f64>, hits: &Array2<u64>) -> Array2<f64> {
 
 const IRRADIANCE: Labels =
     Labels { x: ("x", "mm"), y: ("y", "mm"), value: ("Irradiance", "W/mm²"), flux: "W" };
-const INTENSITY: Labels =
-    Labels { x: ("θx", "°"), y: ("θy", "°"), value: ("Intensity", "W/sr"), flux: "W" };
-
 impl Field {
     /// A map of rows and columns over equal rectangles; none of one with more indices.
     pub(crate) fn of_map(map: &CellMap<'_>) -> Option<Field> {
@@ -93,11 +90,10 @@ impl Field {
         })
     }
 
-    /// Irradiance over x and y, for tests.
+    /// The field of a result, for tests.
     #[cfg(test)]
-    pub(crate) fn of_irradiance(map: &crate::result::IrradianceMap) -> Field {
-        use crate::result::detectors::DetectorResult;
-        map.map().and_then(|map| Field::of_map(&map)).unwrap()
+    pub(crate) fn of_result(result: &impl crate::result::detectors::DetectorResult) -> Field {
+        result.map().and_then(|map| Field::of_map(&map)).unwrap()
     }
 
     /// Irradiance over x and y: the sum over the wavelength bins, each bin times its weight.
@@ -141,30 +137,11 @@ impl Field {
         }
     }
 
-    /// Intensity over directions.
-    pub fn of_far_field(pattern: &FarFieldPattern, geometry: CellGeometry) -> Field {
-        let (rows, columns) = pattern.intensity.dim();
-        let limit = crate::result::detectors::far_field::THETA_MAX;
-        let (d_theta, d_phi) = ((limit / rows as f64).to_radians(), (360.0 / columns as f64).to_radians());
-        let measure = |theta: &f64| theta.to_radians().sin() * d_theta * d_phi;
-        let (x_range, y_range, labels) = match geometry {
-            CellGeometry::Polar => ((-limit, limit), (-limit, limit), INTENSITY),
-            CellGeometry::Rectangles => (
-                (-180.0, 180.0),
-                (0.0, limit),
-                Labels { x: ("azimuth φ", "°"), y: ("polar angle θ", "°"), ..INTENSITY },
-            ),
-        };
-        Field {
-            geometry,
-            x_range,
-            y_range,
-            labels,
-            values: pattern.intensity.clone(),
-            hits: pattern.hits.clone(),
-            sigma: sigma_of(pattern.standard_error.as_ref(), &pattern.intensity, &pattern.hits),
-            measure: pattern.theta.iter().map(measure).collect(),
-        }
+    /// A far field as a disc of directions.
+    pub fn as_disc(self) -> Field {
+        let range = (-self.y_range.1, self.y_range.1);
+        let labels = Labels { x: ("θx", "°"), y: ("θy", "°"), ..self.labels };
+        Field { geometry: CellGeometry::Polar, x_range: range, y_range: range, labels, ..self }
     }
 
     /// The same field in photometric units; `efficacy` is in lm/W.
@@ -246,7 +223,7 @@ impl Field {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::result::IrradianceMap;
+    use crate::result::{FarFieldPattern, IrradianceMap};
     use ndarray::Array1;
 
     fn pattern(rows: usize, columns: usize) -> FarFieldPattern {
@@ -265,12 +242,11 @@ mod tests {
     #[test]
     fn every_cell_holds_its_own_middle() {
         let pattern = pattern(9, 16);
-        for geometry in [CellGeometry::Rectangles, CellGeometry::Polar] {
-            let field = Field::of_far_field(&pattern, geometry);
+        for field in [Field::of_result(&pattern), Field::of_result(&pattern).as_disc()] {
             for row in 0..9 {
                 for column in 0..16 {
                     let (x, y) = field.centre((row, column));
-                    assert_eq!(field.cell_at(x, y), Some((row, column)), "{geometry:?}");
+                    assert_eq!(field.cell_at(x, y), Some((row, column)), "{:?}", field.geometry);
                 }
             }
         }
@@ -278,14 +254,14 @@ mod tests {
 
     #[test]
     fn outside_of_the_disc_there_is_nothing() {
-        let field = Field::of_far_field(&pattern(9, 16), CellGeometry::Polar);
+        let field = Field::of_result(&pattern(9, 16)).as_disc();
         assert_eq!(field.cell_at(80.0, 80.0), None);
         assert_eq!(field.cell_at(-89.0, 0.0), Some((8, 0)));
     }
 
     #[test]
     fn an_even_intensity_over_a_hemisphere_sums_to_two_pi() {
-        let field = Field::of_far_field(&pattern(900, 8), CellGeometry::Polar);
+        let field = Field::of_result(&pattern(900, 8)).as_disc();
         let expected = 2.0 * 2.0 * std::f64::consts::PI;
         // The midpoint rule for sin over a quarter turn errs by h^2 / 24, h = 0.1 degrees.
         assert!((field.total() / expected - 1.0).abs() < 2e-7);
@@ -303,7 +279,7 @@ mod tests {
             height: 2.0,
             standard_error: None,
         };
-        let field = Field::of_irradiance(&map);
+        let field = Field::of_result(&map);
         assert!((field.total() - 10.0).abs() < 1e-12);
         assert!(field.sigma.iter().all(|sigma| sigma.is_nan()));
         let field = field.photometric(683.0);

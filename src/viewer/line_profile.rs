@@ -50,7 +50,7 @@ mod tests {
     use ndarray::{Array1, Array2};
 
     fn field() -> Field {
-        Field::of_irradiance(&IrradianceMap {
+        Field::of_result(&IrradianceMap {
             irradiance: Array2::from_shape_fn((4, 8), |(y, x)| (10 * y + x) as f64),
             x_coords: Array1::zeros(8),
             y_coords: Array1::zeros(4),

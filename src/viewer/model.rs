@@ -198,19 +198,14 @@ impl Recipe {
     /// The values of a detector, by the settings.
     fn field(&self, detector: &Detector) -> std::result::Result<Field, String> {
         let Settings { photometric, polar, .. } = self.key.settings;
-        let field = match &detector.data {
-            DetectorData::FarField(pattern) => {
-                let geometry = if polar { CellGeometry::Polar } else { CellGeometry::Rectangles };
-                Field::of_far_field(pattern, geometry)
-            }
-            DetectorData::Spectral(map) => return self.spectral_field(map),
-            // Any other kind is shown as its map says.
-            other => other
-                .result()
-                .map()
-                .and_then(|map| Field::of_map(&map))
-                .ok_or("rays are shown as points: A and B cannot be subtracted")?,
-        };
+        if let DetectorData::Spectral(map) = &detector.data {
+            return self.spectral_field(map);
+        }
+        // Any other kind is shown as its map says.
+        let field = detector.data.result().map().and_then(|map| Field::of_map(&map));
+        let field = field.ok_or("rays are shown as points: A and B cannot be subtracted")?;
+        let is_disc = polar && matches!(detector.data, DetectorData::FarField(_));
+        let field = if is_disc { field.as_disc() } else { field };
         if !photometric {
             return Ok(field);
         }

@@ -238,7 +238,7 @@ mod tests {
     fn field(value: impl Fn(f64, f64) -> f64) -> Field {
         const N: usize = 400;
         let at = |index: usize| (index as f64 + 0.5) / N as f64 * 20.0 - 10.0;
-        Field::of_irradiance(&IrradianceMap {
+        Field::of_result(&IrradianceMap {
             irradiance: Array2::from_shape_fn((N, N), |(y, x)| value(at(x), at(y))),
             x_coords: Array1::zeros(N),
             y_coords: Array1::zeros(N),

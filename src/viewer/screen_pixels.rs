@@ -123,7 +123,7 @@ mod tests {
 
     fn field(values: Array2<f64>) -> Field {
         let (rows, columns) = values.dim();
-        Field::of_irradiance(&IrradianceMap {
+        Field::of_result(&IrradianceMap {
             hits: Array2::zeros((rows, columns)),
             x_coords: Array1::zeros(columns),
             y_coords: Array1::zeros(rows),

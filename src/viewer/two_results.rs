@@ -130,7 +130,7 @@ mod tests {
 
     fn field(irradiance: Array2<f64>, hits: Array2<u64>) -> Field {
         let (rows, columns) = irradiance.dim();
-        Field::of_irradiance(&IrradianceMap {
+        Field::of_result(&IrradianceMap {
             x_coords: Array1::zeros(columns),
             y_coords: Array1::zeros(rows),
             width: 2.0,

@@ -43,8 +43,8 @@ pub struct BsdfTable {
 }
 
 impl BsdfTable {
-    /// The fraction of the flux that is scattered at an angle of incidence: the integral of value cos(theta_s) over the
-    /// hemisphere, with the value linear in theta_s between its angles and 0 beyond them.
+    /// The fraction of the flux that is scattered at an angle of incidence: the integral of value cos(theta_s) over
+    /// the hemisphere. The value is linear in theta_s between its angles, and 0 beyond them.
     pub fn albedo(&self, row: usize) -> f64 {
         let count = self.theta_s.len();
         let values = &self.values[row * count..(row + 1) * count];

@@ -52,8 +52,8 @@ impl Extent {
         }
     }
 
-    /// How far the shape reaches from its middle along the axes outside the frame, which is rotated by this: for a disk exactly, which is less than
-    /// a box about it \[mm\].
+    /// How far the shape reaches from its middle along the global axes, if its frame is rotated by this \[mm\]. For a
+    /// disk it is exact, and less than for a box around the disk.
     pub fn reach_along(&self, rotation: &DMat3) -> DVec3 {
         let [x, y, z] = [rotation.x_axis, rotation.y_axis, rotation.z_axis];
         let across = match self.across {

@@ -256,8 +256,8 @@ pub enum FrontSide {
 pub struct Slab {
     /// Their heights, in no order \[mm\].
     pub ends: [f64; 2],
-    /// By how much the level changes while z grows by 1 at the rim, for a shape whose rim is not at one of the planes by
-    /// definition: what rounding adds to the level there, z gets by so much less.
+    /// By how much the level changes while z grows by 1 at the rim, if the rim is not at one of the planes by
+    /// definition. An error of the level by rounding is an error of z divided by this.
     pub steepness: Option<f64>,
 }
 

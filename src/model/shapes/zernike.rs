@@ -122,8 +122,8 @@ impl ZernikeType {
     }
 }
 
-/// The polynomial of orders n and m at a point, in units of the norm: its radial part over r^|m|, by powers of r^2, times
-/// the real or imaginary part of (x + i y)^|m|.
+/// The polynomial of orders n and m at a point, in units of the norm. It is the radial part over r^|m|, by powers of
+/// r^2, times the real or imaginary part of (x + i y)^|m|.
 fn zernike(n: i32, m: i32, p: DVec2) -> f64 {
     let (square, turns) = (p.length_squared(), m.abs());
     let half = (n - turns) / 2;

@@ -25,8 +25,8 @@ pub struct FarFieldPattern {
     pub phi: Array1<f64>,
     /// Rays per bin, shape (n_theta, n_phi).
     pub hits: Array2<u64>,
-    /// Standard error of `intensity` \[W/sr\], shape (n_theta, n_phi); none where second moments were not summed. 0 where no ray
-    /// came: that says nothing of what a longer trace would find.
+    /// Standard error of `intensity` \[W/sr\], shape (n_theta, n_phi); `None` if second moments were not summed. It
+    /// is 0 where no ray came, which says nothing of a longer trace.
     pub standard_error: Option<Array2<f64>>,
 }
 

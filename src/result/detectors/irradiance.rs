@@ -23,8 +23,8 @@ pub struct PixelMap<D: Dimension> {
     pub y_coords: Array1<f64>,
     /// Rays that hit each pixel, whatever the splat, in the shape of `irradiance`.
     pub hits: Array<u64, D>,
-    /// Standard error of `irradiance` \[W/mm^2\], in its shape; none where second moments were not summed. 0 where no ray
-    /// came: that says nothing of what a longer trace would find.
+    /// Standard error of `irradiance` \[W/mm^2\], in its shape; `None` if second moments were not summed. It is 0
+    /// where no ray came, which says nothing of a longer trace.
     pub standard_error: Option<Array<f64, D>>,
     /// Full width along local x \[mm\].
     pub width: f64,

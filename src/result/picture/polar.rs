@@ -106,8 +106,8 @@ impl Band<'_> {
         }
     }
 
-    /// The colour of every sample in a part, where the corners of the part decide it: within a quadrant the radius is
-    /// greatest and least there, and so is the azimuth.
+    /// The colour of every sample in a part, if the corners of the part decide it. Within a quadrant, radius and
+    /// azimuth are greatest and least at corners.
     fn only_color(&mut self, columns: &Range<usize>, rows: &Range<usize>) -> Option<Rgb> {
         let nearer_first = |a: f64, b: f64| {
             let ends = if a.abs() < b.abs() { (a, b) } else { (b, a) };
@@ -136,8 +136,8 @@ impl Band<'_> {
     }
 }
 
-/// The bins of a far field, for points of its disc in turn: neighbours mostly lie in the same bin, so that comparisons do
-/// for the angles of millions of points.
+/// Finds the bins of a far field for points of its disc. Neighbouring points mostly lie in the same bin, so that
+/// comparisons take the place of millions of angles.
 #[derive(Clone)]
 struct Directions {
     /// Squared radii where rows begin, and where the last ends.

@@ -29,6 +29,8 @@ pub enum ColorMap {
     Viridis,
     Cividis,
     Grey,
+    /// For differences: red where A is larger.
+    RedBlue,
 }
 
 /// A scale fitted to values.
@@ -62,20 +64,13 @@ pub enum Shade {
 /// The colours of the shades.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Palette {
-    colors: Ramp,
+    colors: ColorMap,
     /// The part at the beginning of the colours that only zero may have.
     reserved: f64,
     /// The colour of exactly zero.
     pub zero: Rgb,
     /// The colour where there is no value.
     pub missing: Rgb,
-}
-
-/// Colours in a row.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Ramp {
-    Map(ColorMap),
-    Diverging,
 }
 
 /// Most decades of a logarithmic scale.
@@ -90,7 +85,7 @@ impl ScaleKind {
 }
 
 impl ColorMap {
-    /// All, in the order in which they are offered.
+    /// All that are offered, in this order.
     pub const ALL: [(ColorMap, &'static str); 5] = [
         (ColorMap::Inferno, "Inferno"),
         (ColorMap::Magma, "Magma"),
@@ -98,19 +93,16 @@ impl ColorMap {
         (ColorMap::Cividis, "Cividis"),
         (ColorMap::Grey, "Grey"),
     ];
-}
 
-impl Ramp {
     fn color(self, position: f64) -> Rgb {
         let (gradient, position) = match self {
-            Ramp::Map(ColorMap::Inferno) => (colorous::INFERNO, position),
-            Ramp::Map(ColorMap::Magma) => (colorous::MAGMA, position),
-            Ramp::Map(ColorMap::Viridis) => (colorous::VIRIDIS, position),
-            Ramp::Map(ColorMap::Cividis) => (colorous::CIVIDIS, position),
-            // The grey scale of colorous runs from white to black.
-            Ramp::Map(ColorMap::Grey) => (colorous::GREYS, 1.0 - position),
-            // Red means that A is larger.
-            Ramp::Diverging => (colorous::RED_BLUE, 1.0 - position),
+            ColorMap::Inferno => (colorous::INFERNO, position),
+            ColorMap::Magma => (colorous::MAGMA, position),
+            ColorMap::Viridis => (colorous::VIRIDIS, position),
+            ColorMap::Cividis => (colorous::CIVIDIS, position),
+            // These gradients of colorous run the other way.
+            ColorMap::Grey => (colorous::GREYS, 1.0 - position),
+            ColorMap::RedBlue => (colorous::RED_BLUE, 1.0 - position),
         };
         gradient.eval_continuous(position).into_array()
     }
@@ -121,18 +113,14 @@ impl Palette {
     /// none on a logarithmic scale.
     pub fn of_files(scale: &Scale) -> Self {
         let reserved = if scale.is_log() { RESERVED } else { 0.0 };
-        let map = Ramp::Map(ColorMap::Inferno);
-        let colors = if scale.diverging { Ramp::Diverging } else { map };
-        Palette { colors, reserved, zero: map.color(0.0), missing: [255; 3] }
+        let colors = if scale.diverging { ColorMap::RedBlue } else { ColorMap::Inferno };
+        Palette { colors, reserved, zero: ColorMap::Inferno.color(0.0), missing: [255; 3] }
     }
 
     /// The colours of the window, with `missing` where there is no value.
     pub fn of_window(map: ColorMap, diverging: bool, missing: Rgb) -> Self {
-        let zero = [12, 13, 17];
-        match diverging {
-            true => Palette { colors: Ramp::Diverging, reserved: 0.0, zero, missing },
-            false => Palette { colors: Ramp::Map(map), reserved: RESERVED, zero, missing },
-        }
+        let (colors, reserved) = if diverging { (ColorMap::RedBlue, 0.0) } else { (map, RESERVED) };
+        Palette { colors, reserved, zero: [12, 13, 17], missing }
     }
 
     /// The colour at a position along the colours, in 0..=1.

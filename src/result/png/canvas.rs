@@ -127,8 +127,8 @@ pub(super) fn picture(
     write(path, size, &rgb).map_err(reason)
 }
 
-/// Of all filters, Paeth's alone makes as small a file as a search for the best one row by row, in a sixth of the time: it
-/// sees both rows like the ones before and steps along a row.
+/// Paeth's filter alone makes as small a file as a search for the best filter row by row, in a sixth of the time. It
+/// predicts both repeated rows and steps along a row.
 fn write(path: &Path, (width, height): (u32, u32), rgb: &[u8]) -> Result<(), png::EncodingError> {
     let mut encoder = png::Encoder::new(BufWriter::new(File::create(path)?), width, height);
     encoder.set_color(png::ColorType::Rgb);

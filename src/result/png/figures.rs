@@ -104,11 +104,7 @@ fn numbers(head: &Head, peak: Option<(f64, &ColorBar)>) -> String {
 pub(crate) fn map(path: &Path, head: &Head, size: (f64, f64), values: &Array2<f64>) -> Drawn {
     let panel = MapPanel::new(size, values, head.style);
     let numbers = numbers(head, Some((maximum(values), &panel.bar)));
-    let layout = panel.layout(head, &numbers, 0);
-    picture(path, layout.size, panel.text, |canvas| {
-        canvas.title(layout.head, &format::shown(head.name), &numbers)?;
-        panel.draw(canvas, &layout)
-    })
+    panel.write(path, head, &numbers)
 }
 
 /// What a map differs by, cell by cell, with zero white. `numbers` stand below the name.
@@ -121,12 +117,7 @@ pub(crate) fn difference(
     values: &Array2<f64>,
 ) -> Drawn {
     let name = format!("{name}, A − B");
-    let panel = MapPanel::of_spans(spans, (&name, unit), values, (None, head.style));
-    let layout = panel.layout(head, numbers, 0);
-    picture(path, layout.size, panel.text, |canvas| {
-        canvas.title(layout.head, &format::shown(head.name), numbers)?;
-        panel.draw(canvas, &layout)
-    })
+    MapPanel::of_spans(spans, (&name, unit), values, (None, head.style)).write(path, head, numbers)
 }
 
 /// Irradiance over all wavelengths, and below it the spectrum: edges of bins \[um\], and the flux of each \[W\].
@@ -232,6 +223,15 @@ impl MapPanel {
         })
     }
 
+    /// A picture of the map alone.
+    fn write(self, path: &Path, head: &Head, numbers: &str) -> Drawn {
+        let layout = self.layout(head, numbers, 0);
+        picture(path, layout.size, self.text, |canvas| {
+            canvas.title(layout.head, &format::shown(head.name), numbers)?;
+            self.draw(canvas, &layout)
+        })
+    }
+
     fn draw(self, canvas: &Canvas, layout: &FigureLayout) -> Drawn {
         canvas.raster(layout.data, self.raster)?;
         canvas.note_if_dark(layout.data, &self.bar)?;
@@ -252,8 +252,8 @@ fn maximum(values: &Array2<f64>) -> f64 {
     values.iter().copied().fold(0.0, f64::max)
 }
 
-/// The size in picture pixels of a map of `width` x `height` with `nx` x `ny` pixels: true to scale, and with a whole
-/// number of picture pixels per map pixel where that fits.
+/// The size in picture pixels of a map of `width` x `height` with `nx` x `ny` pixels. It is true to scale, with a
+/// whole number of picture pixels per map pixel if that fits.
 fn map_size((width, height): (f64, f64), (nx, ny): (usize, usize)) -> (usize, usize) {
     const USUAL: f64 = 1200.0;
     const LARGE: f64 = 2400.0;
