@@ -1,7 +1,7 @@
 //! What a map shows: values over a plane, for every kind of detector.
 
-use crate::result::detectors::{CellMap, Span};
 use crate::result::SpectralMap;
+use crate::result::detectors::{CellMap, Span};
 use ndarray::{Array2, Axis, Ix2};
 
 /// How the cells of a field lie in the plane of a plot.
