@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 
 use glam::{DMat3, DVec3};
 use nsq_gpu::cpu::Override;
-use nsq_gpu::cpu::adapter_traits::Profile;
+use nsq_gpu::cpu::adapter_traits::AdapterTraits;
 use nsq_gpu::gpu::Gpu;
 use nsq_gpu::model::{
     Detector, DetectorKind, FarField, Frame, Frustum, Interaction, Medium, PixelGrid, Point, Sampling,
@@ -199,7 +199,7 @@ fn dispatches_of_1_2_and_5_events_give_the_same_bits_as_of_16() {
 
 #[test]
 fn the_host_and_the_device_add_up_the_same_bits() {
-    assert!(Profile::of(zoo::gpu()).deferred_splats, "lavapipe is a processor");
+    assert!(AdapterTraits::of(zoo::gpu()).deferred_splats, "lavapipe is a processor");
     let deposited = |options: &mut Forced| options.overrides.deferred_splats = Override::Never;
     assert_same_bits(3000, &[deposited]);
     let base = TraceOptions { num_rays: 3000, standard_error: StandardError::On, ..TraceOptions::default() };

@@ -7,7 +7,7 @@ use nsq_gpu::Result;
 use nsq_gpu::gpu::Gpu;
 use nsq_gpu::internals::{CpuOverrides, Override};
 use nsq_gpu::program::Precision;
-use nsq_gpu::run::{StandardError, TraceOptions, Tracer};
+use nsq_gpu::run::{ForAdapter, Shaders, StandardError, TraceOptions, Tracer};
 use nsq_gpu::scene::Scene;
 use std::time::Instant;
 
@@ -49,8 +49,9 @@ pub fn measure(gpu: &Gpu, case: &Case, precision: Precision, num_runs: usize) ->
     // As in the midst of a long trace.
     let is_long = if case.num_rays >= 10_000_000 { Override::Always } else { Override::Automatic };
     let with = CpuOverrides { second_device: is_long, side_traces: is_long, ..CpuOverrides::default() };
-    let tracer =
-        |overrides: &CpuOverrides| Tracer::with_overrides(gpu, &ir, &options, overrides, |wgsl| wgsl);
+    let tracer = |overrides: &CpuOverrides| {
+        Tracer::with(gpu, &ir, &options, ForAdapter::Forced(overrides), Shaders::default())
+    };
     let seconds = |tracer: &mut Tracer| -> Result<f64> {
         let start = Instant::now();
         tracer.trace(|_| true)?;
