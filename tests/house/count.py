@@ -11,11 +11,11 @@ function after the first is called by a function before it, which is checked. Co
 that these functions name in their signatures or are methods of. Errors, and what only holds numbers of the optics, count as well.
 
 *Loops that dispatch* are files with a loop over ranges of rays that hands them to the device. Such a loop calls a submitter, itself
-or by functions of its file, and names a range. Submitters are what is called submit, submit_..., dispatch, or the `trace` of a
+or by functions of its file, and makes ranges or goes over them. Submitters are what is called submit, submit_..., dispatch, or the `trace` of a
 strategy or an addition. The rooms are the engine and its additions.
 
 *Ways in which WGSL varies* are mechanisms that decide which text or module a scene gets, beside constants and calls: a table of
-slots; files that an extension puts in the place of a slot's own; renaming of functions in text; replacing of other text;
+slots; files that an extension puts in the place of a slot's own; renaming of functions in text; other replacing in text;
 rewriting of naga's representation. Each is found by the words of `MECHANISMS`, and shown with the number of its places.
 """
 
@@ -28,12 +28,13 @@ from pathlib import Path
 HERE = Path(__file__).parent
 SUBMITTING_ROOMS = {"engine", "cpu", "software", "paths", "derivatives"}
 SUBMITTER = r"\b(?:submit(?:_\w+)?|dispatch)\(|\b(?:strategy|additions?|addition\.\w+)\.trace\("
+CUTS_RANGES = r"\bfor range in\b|\blet range\b|\bRayRange(?:::of\(| \{)"
 MECHANISMS = {
     # Slots with a table of their twins.
     "slots": (r"^\s*\"[a-z_]+/[a-z_]+\"\s+\[", "src/program"),
     "files in the place of a slot's": (r"\bfn replaces\s*\(", "src"),
-    "renaming in text": (r"\.rename\(|\.replace\(\s*&?(?:format!\()?\"fn ", "src"),
-    "replacing of other text": (r"\b(?:statement|text|wgsl|row|line|source\(\))\.replace\((?!\s*&?(?:format!\()?\"fn )", "src/program src/cpu src/software src/engine src/paths src/derivatives"),
+    "renaming in text": (r"\btext\.rename\(", "src"),
+    "replacing in text": (r"\b(?:statement|text|wgsl|row|line|source\(\))\.replace\(", "src/program src/cpu src/software src/engine src/paths src/derivatives"),
     "rewriting of the representation": (r"\bpub(?:\([a-z ]+\))? fn rewrite\s*\(", "src"),
 }
 
@@ -215,7 +216,7 @@ def dispatching_loops(files):
             return text + "".join(with_called(f.body, seen) for f in called)
 
         bodies = [(f.name, with_called(body)) for f in others for body in loops(f.body)]
-        names = [name for name, body in bodies if re.search(SUBMITTER, body) and re.search(r"\brange\b", body)]
+        names = [name for name, body in bodies if re.search(SUBMITTER, body) and re.search(CUTS_RANGES, body)]
         if names:
             found.append(f"{path}: {', '.join(dict.fromkeys(names))}")
     return found

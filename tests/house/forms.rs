@@ -1,10 +1,15 @@
 //! The ways in which a scene can be traced, as far as they change its module.
 
 use nsq_gpu::Result;
+use nsq_gpu::derivatives::Derivatives;
 use nsq_gpu::model::{SceneIr, depth};
+use nsq_gpu::paths::{PathSums, Paths};
+use nsq_gpu::program::addition::ProgramAddition;
+use nsq_gpu::program::rewrite::jvp::{Parameter, Tangents};
 use nsq_gpu::program::{
-    MAX_BAKED_PRIMITIVES, PathSampling, PathSums, Precision, Program, ProgramOptions, Sampler, SecondMoments,
+    MAX_BAKED_PRIMITIVES, PathSampling, Precision, Program, ProgramOptions, Sampler, SecondMoments,
 };
+use std::sync::Arc;
 
 /// What a trace collects, or what else sets it apart from a plain trace of the scene.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -120,14 +125,6 @@ impl Form {
                 Kind::RecordedPaths => PathSampling::Hashed { threshold: 1 << 20 },
                 _ => PathSampling::None,
             },
-            path_sums: match self.kind {
-                Kind::PathTotals | Kind::PathsOnDetectors => PathSums::Totals,
-                Kind::PathMaps => PathSums::Maps(3),
-                Kind::Events => PathSums::Told,
-                _ => PathSums::None,
-            },
-            path_ends: self.kind == Kind::PathTotals,
-            path_filter: None,
             weights: (0..ir.sources.len()).map(|source| 1.0 + 0.25 * source as f64).collect(),
             sampler: if self.kind == Kind::Sobol { Sampler::Sobol } else { Sampler::Pcg },
             moments: match self.kind {
@@ -137,9 +134,31 @@ impl Form {
             },
             part_bytes: 1 << 27,
             live: self.kind == Kind::Live || has_derivatives,
-            tangents: if self.kind == Kind::Tangents { 2 } else { 0 },
-            adjoints: self.kind == Kind::Adjoints,
+            copies_numbers: false,
+            fixed_rays_per_invocation: None,
+            has_long_loops: false,
+            counts_wrong_sides: true,
         };
-        Program::new(ir, options, 0)
+        let paths = match self.kind {
+            Kind::PathTotals => Some(PathSums::Totals { rows: 1 << 18, ends: true }),
+            Kind::PathsOnDetectors => Some(PathSums::Totals { rows: 1 << 18, ends: false }),
+            Kind::PathMaps => Some(PathSums::Maps(3)),
+            Kind::Events => Some(PathSums::Events { ends: false }),
+            _ => None,
+        };
+        let derivatives = match self.kind {
+            Kind::Tangents => Some(Derivatives::Tangents(Arc::new(two_tangents()))),
+            Kind::Adjoints => Some(Derivatives::Adjoints),
+            _ => None,
+        };
+        let paths = paths.map(|sums| Paths::new(sums, None));
+        let paths = paths.iter().map(|paths| paths as &dyn ProgramAddition);
+        let derivatives = derivatives.iter().map(|derivatives| derivatives as &dyn ProgramAddition);
+        Program::with(ir, options, &paths.chain(derivatives).collect::<Vec<_>>(), 0)
     }
+}
+
+fn two_tangents() -> Tangents {
+    let parameter = |name: &str| Parameter { name: name.into(), stencil: Vec::new() };
+    Tangents { parameters: ["a", "b"].map(parameter).to_vec() }
 }
