@@ -93,6 +93,12 @@ impl Form {
         format!("{} {integers} {:?}", self.precision.name(), self.kind)
     }
 
+    /// True if the composed module is compared, and not the one that derivatives are written into. There a function that only
+    /// hands on has derivatives of its own, and is no forwarder.
+    pub fn is_rewritten(&self) -> bool {
+        matches!(self.kind, Kind::Tangents | Kind::Adjoints)
+    }
+
     /// The program of a scene.
     pub fn program(&self, ir: &SceneIr) -> Result<Program> {
         let num_primitives = ir.surfaces.len() + ir.detectors.len();

@@ -42,7 +42,10 @@ fn hash(scene: &str, ir: &SceneIr, form: &Form) -> String {
         Ok(program) => program,
         Err(error) => return format!("refused: {error}"),
     };
-    let erased = Erased::of(&program.module);
+    let erased = match form.is_rewritten() {
+        true => Erased::of(&naga::front::wgsl::parse_str(&program.wgsl).unwrap()),
+        false => Erased::of(&program.module),
+    };
     if let Some(folder) = std::env::var_os(WRITE) {
         let lines: String =
             erased.lines.iter().map(|line| format!("{}    // {}\n", line.text, line.origin)).collect();
