@@ -27,7 +27,8 @@ const MOST_DEPOSITS: f64 = (1_u64 << 23) as f64;
 pub(super) struct DerivativeShader {
     /// Tangents beside each real; none if rays are walked back.
     num_tangents: u32,
-    branch: ShaderFile,
+    /// How rays choose between reflection and refraction, where surfaces refract.
+    branch: Option<ShaderFile>,
 }
 
 impl DerivativeShader {
@@ -36,7 +37,7 @@ impl DerivativeShader {
             true => shader!("derivatives/branch.importance.wgsl"),
             false => shader!("derivatives/branch.fresnel.wgsl"),
         };
-        DerivativeShader { num_tangents, branch }
+        DerivativeShader { num_tangents, branch: scene.features.refractive.then_some(branch) }
     }
 }
 
@@ -47,7 +48,7 @@ impl ShaderAddition for DerivativeShader {
             "stages/taps" => Some(shader!("derivatives/taps.wgsl")),
             "stages/hit" if self.num_tangents > 0 => Some(shader!("derivatives/tangents.wgsl")),
             "stages/hit" => Some(shader!("derivatives/adjoints.wgsl")),
-            "optics/reflection" => Some(self.branch),
+            "optics/reflection" => self.branch,
             "optics/attenuated" => Some(shader!("derivatives/bulk.wgsl")),
             "optics/survival" => Some(shader!("derivatives/roulette.wgsl")),
             "stages/scattered" => Some(shader!("derivatives/scatter.wgsl")),
