@@ -58,7 +58,7 @@ pub(crate) trait Addition: ProgramAddition + Any {
     /// Sets the seed of the draws from now on.
     fn set_seed(&mut self, _seed: u64) {}
 
-    /// Discards what an earlier trace left that failed half-route.
+    /// Discards what an earlier trace left that failed half-way.
     fn discard(&mut self) {}
 
     /// Begins a trace that goes on from a tally.
@@ -102,7 +102,7 @@ pub(crate) trait Addition: ProgramAddition + Any {
         Ok(())
     }
 
-    /// Finishes the work that passes have left under route.
+    /// Finishes the work that passes have left under way.
     fn settle(&mut self, _engine: &mut Engine) -> Result<()> {
         Ok(())
     }
@@ -117,7 +117,7 @@ pub(crate) trait Addition: ProgramAddition + Any {
         Ok(())
     }
 
-    /// The devices that the addition has opened beside the engine's. All are drained in the same route.
+    /// The devices that the addition has opened beside the engine's. All are drained in the same way.
     fn devices(&self) -> &[DeviceState] {
         &[]
     }
@@ -212,7 +212,7 @@ impl Additions {
         self.0.iter().find_map(|addition| addition.range_rays(engine)).unwrap_or_else(|| engine.size.rays())
     }
 
-    /// Traces a range: in the plain route, unless an addition does.
+    /// Traces a range: in the plain way, unless an addition does.
     pub(crate) fn trace(&mut self, engine: &mut Engine, range: &RayRange) -> Result<()> {
         for addition in &mut self.0 {
             if addition.trace(engine, range)? {

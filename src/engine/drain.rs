@@ -38,7 +38,7 @@ fn drain_devices(engine: &mut Engine, additions: &mut Additions, tally: &mut Tal
     Ok(())
 }
 
-/// Discards what an earlier trace left that failed half-route.
+/// Discards what an earlier trace left that failed half-way.
 pub(crate) fn discard(engine: &mut Engine, additions: &mut Additions) -> Result<()> {
     additions.all_mut().for_each(|addition| addition.discard());
     if engine.undrained.counts > 0 {

@@ -16,7 +16,7 @@ pub(crate) struct Submitted {
 }
 
 impl Engine<'_> {
-    /// Submits a range to the engine's device, in the plain route.
+    /// Submits a range to the engine's device, in the plain way.
     pub(crate) fn submit(&mut self, range: &RayRange) -> Result<()> {
         let route = Route::plain(&self.plan.program, 0);
         self.submit_to(None, route, range)?;
