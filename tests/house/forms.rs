@@ -3,7 +3,8 @@
 use nsq_gpu::Result;
 use nsq_gpu::derivatives::Derivatives;
 use nsq_gpu::model::{SceneIr, depth};
-use nsq_gpu::paths::{PathSums, Paths};
+use nsq_gpu::paths::followed::FollowedPaths;
+use nsq_gpu::paths::sums::PathSums;
 use nsq_gpu::program::addition::ProgramAddition;
 use nsq_gpu::program::rewrite::jvp::{Parameter, Tangents};
 use nsq_gpu::program::{
@@ -157,7 +158,7 @@ impl Form {
             Kind::Adjoints => Some(Derivatives::Adjoints),
             _ => None,
         };
-        let paths = paths.map(|sums| Paths::new(sums, None));
+        let paths = paths.map(|sums| FollowedPaths::new(sums, None));
         let paths = paths.iter().map(|paths| paths as &dyn ProgramAddition);
         let derivatives = derivatives.iter().map(|derivatives| derivatives as &dyn ProgramAddition);
         Program::with(ir, options, &paths.chain(derivatives).collect::<Vec<_>>(), 0)
