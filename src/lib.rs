@@ -76,12 +76,11 @@ pub use crate::scene::Scene;
 #[doc(hidden)]
 #[cfg(all(feature = "cpu", feature = "viewer"))]
 pub mod internals {
-    pub use crate::cli::console::{choose_width, print, say};
+    pub use crate::cli::console::{print, say};
     pub use crate::cli::main_of;
     pub use crate::cli::output_file::check_places;
     pub use crate::count;
     pub use crate::cpu::adapter_traits::AdapterTraits;
-    pub use crate::cpu::vector_width::{self, Width};
     pub use crate::cpu::{CpuOverrides, Override};
     pub use crate::engine::tuning::{EVENTS_PER_DISPATCH, Tuning, WORKGROUP_SIZES};
     pub use crate::format::pretty_json;

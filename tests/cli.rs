@@ -871,7 +871,7 @@ fn shader_prints_what_a_trace_compiles_and_where_it_comes_from() {
         let max_depth = nsq_gpu::model::depth::of_scene(&ir);
         let options = TraceOptions { max_depth, precision, ..Default::default() }.tuned(&gpu.info);
         let tracer = Tracer::new(&gpu, &ir, &options).unwrap();
-        // The command may have chosen other vectors of lavapipe's, whose width is told by one constant.
+        // Whoever runs the test may have set another width of lavapipe's vectors, with which one constant differs.
         let without_width = |text: &str| -> Vec<String> {
             text.lines()
                 .filter(|line| !line.starts_with("const IMPOSSIBLE_COUNT"))

@@ -9,14 +9,10 @@ use crate::{
 };
 use clap::ValueEnum;
 use nsq_gpu::gpu::{AdapterChoice, Gpu};
-use nsq_gpu::internals::{
-    PROGRAM, Tuning, Width, check_places, choose_width, count, print, say, vector_width,
-};
+use nsq_gpu::internals::{PROGRAM, Tuning, check_places, count, print, say};
 use nsq_gpu::program::Precision;
-use nsq_gpu::{Error, Result, Scene};
-use serde_json::Value;
+use nsq_gpu::{Error, Result};
 use std::path::PathBuf;
-use std::process::Command;
 
 /// Measures how fast scenes are traced by nsq-gpu, alone or against other programs.
 #[derive(clap::Parser)]
@@ -164,9 +160,6 @@ pub fn run(args: Args) -> Result<String> {
         return run_gradients(args, cases);
     }
     check_output(args, RATES)?;
-    let widths = widths(&cases)?;
-    let widest = widest(&widths);
-    choose_width(widest);
     let gpu = open(args)?;
     let session = Session {
         gpu: &gpu,
@@ -180,14 +173,8 @@ pub fn run(args: Args) -> Result<String> {
     report.peers = peers.iter().map(|peer| (peer.name().to_string(), peer.versions())).collect();
     // Measurements before a failed case took long, and are kept.
     let mut failure = None;
-    for (case, width) in cases.iter().zip(widths) {
-        let result =
-            if width == widest || !vector_width::are_chosen() || !gpu.info.class.may_be_told_vector_width() {
-                measure(case, &session, &mut peers)
-            } else {
-                measure_apart(case, &session, args)
-            };
-        match result {
+    for case in &cases {
+        match measure(case, &session, &mut peers) {
             Ok(result) => {
                 say(&progress(&result));
                 report.cases.push(result);
@@ -201,9 +188,7 @@ pub fn run(args: Args) -> Result<String> {
         }
     }
     if failure.is_none() && (args.scenes.is_empty() || args.scenes.iter().any(|name| name == VIEWER)) {
-        // Fragment shaders in vectors of 512 bits crash Mesa 22.3.
-        let is_apart = widest == Width::Wide && gpu.info.class.may_be_told_vector_width();
-        report.viewer = if is_apart { viewer_apart(&session)? } else { viewer(args, session.num_runs)? };
+        report.viewer = viewer(args, session.num_runs)?;
         for state in &report.viewer {
             let [host, frame] = [state.host_sec, state.frame_sec].map(|seconds| 1e3 * seconds.median);
             say(&format!("{}: {host:.1} ms a frame, {frame:.1} ms with its drawing", state.name));
@@ -242,63 +227,20 @@ fn command_line(args: &Args) -> String {
     options.into_iter().flatten().fold("nsq-bench".into(), |line, option| line + &option)
 }
 
-/// The width of vectors that suits each case. A timed trace is compiled before. Whole commands choose their own width.
-fn widths(cases: &[Case]) -> Result<Vec<Width>> {
-    let width = |case: &Case| Ok(Width::of_trace(&Scene::from_json(&case.scene)?.lower()?, case.num_rays));
-    cases.iter().map(width).collect()
-}
-
-fn widest(widths: &[Width]) -> Width {
-    widths.iter().copied().max().unwrap_or(Width::Usual)
-}
-
 /// The viewer's frames.
 fn viewer(args: &Args, num_runs: usize) -> Result<Vec<ViewerResult>> {
     const FRAMES_PER_RUN: usize = 12;
     crate::viewer::measure(args.adapter.as_deref(), FRAMES_PER_RUN * num_runs)
 }
 
-/// The viewer's frames, drawn by a process of its own.
-fn viewer_apart(session: &Session) -> Result<Vec<ViewerResult>> {
-    let report = report_of(VIEWER, session, Vec::new())?;
-    serde_json::from_value(report["viewer"].clone()).map_err(|error| Error::Internal(error.to_string()))
-}
-
-/// Measures a case in a process of its own, because the width of vectors belongs to a process.
-fn measure_apart(case: &Case, session: &Session, args: &Args) -> Result<CaseResult> {
-    let mut options = vec!["--max-rays".into(), case.num_rays.to_string()];
-    options.extend(["--peer-rays".into(), args.peer_rays.to_string()]);
-    options.extend(["--precision".into(), name_of(&args.precision.unwrap_or(PrecisionsArg::Both))]);
-    options.extend(["--python".into(), args.python.display().to_string()]);
-    options.extend(args.against.iter().flat_map(|peer| ["--against".to_string(), name_of(peer)]));
-    let report = report_of(&case.name, session, options)?;
-    serde_json::from_value(report["cases"][0].clone()).map_err(|error| Error::Internal(error.to_string()))
-}
-
-/// This program's own path.
-fn own_path() -> Result<PathBuf> {
-    std::env::current_exe().map_err(|error| Error::Internal(error.to_string()))
-}
-
 /// The program whose whole commands are timed: the one that `NSQ_GPU_BINARY` names, or the one beside this program.
 fn product() -> Result<PathBuf> {
     let named = std::env::var_os("NSQ_GPU_BINARY").filter(|path| !path.is_empty());
-    let beside = || Ok(own_path()?.with_file_name(format!("{PROGRAM}{}", std::env::consts::EXE_SUFFIX)));
+    let beside = || {
+        let own = std::env::current_exe().map_err(|error| Error::Internal(error.to_string()))?;
+        Ok(own.with_file_name(format!("{PROGRAM}{}", std::env::consts::EXE_SUFFIX)))
+    };
     named.map_or_else(beside, |path| Ok(path.into()))
-}
-
-/// The report of this program about one case, measured in a process of its own.
-fn report_of(case: &str, session: &Session, options: Vec<String>) -> Result<Value> {
-    let mut command = Command::new(own_path()?);
-    vector_width::leave_to(&mut command);
-    command.args(["--json", "--scenes", case, "--runs", &session.num_runs.to_string()]);
-    command.args(["--adapter", &session.gpu.info.name]).args(options);
-    let output = command.output().map_err(|error| Error::Internal(format!("no command: {error}")))?;
-    if !output.status.success() {
-        let said = String::from_utf8_lossy(&output.stderr);
-        return Err(Error::Internal(format!("{case} by itself: {}", said.trim())));
-    }
-    serde_json::from_slice(&output.stdout).map_err(|error| Error::Internal(error.to_string()))
 }
 
 fn open(args: &Args) -> Result<Gpu> {
@@ -327,7 +269,6 @@ fn run_stability(args: &Args) -> Result<String> {
 /// Measures what the table of paths costs.
 fn run_paths(args: &Args, cases: Vec<Case>) -> Result<String> {
     let cases = cases::of_traces(cases, "--paths")?;
-    choose_width(widest(&widths(&cases)?));
     cost_table(args, &cases, paths::PathCost::heading(), |gpu, case, precision, num_runs| {
         paths::measure(gpu, case, precision, num_runs).map(|cost| cost.line())
     })
@@ -336,7 +277,6 @@ fn run_paths(args: &Args, cases: Vec<Case>) -> Result<String> {
 /// Measures what parts of the CPU backend are worth.
 fn run_parts(args: &Args, cases: Vec<Case>) -> Result<String> {
     let cases = cases::of_traces(cases, "--parts")?;
-    choose_width(widest(&widths(&cases)?));
     cost_table(args, &cases, parts::PartGains::heading(), |gpu, case, precision, num_runs| {
         parts::measure(gpu, case, precision, num_runs).map(|gains| gains.line())
     })
@@ -394,7 +334,6 @@ fn default_precision(args: &Args, gpu: &Gpu) -> Precision {
 
 /// Measures in the precision that the adapter traces in by default.
 fn run_tuning(args: &Args) -> Result<String> {
-    choose_width(widest(&widths(&tuning::cases())?));
     let gpu = open(args)?;
     let precision = default_precision(args, &gpu);
     let trials = tuning::measure(&gpu, precision)?;

@@ -5,7 +5,7 @@ use crate::machine;
 use crate::peers::{Peer, PeerRun};
 use crate::statistics::Summary;
 use nsq_gpu::gpu::Gpu;
-use nsq_gpu::internals::{AdapterTraits, CpuOverrides, Override, REPORT, vector_width};
+use nsq_gpu::internals::{AdapterTraits, CpuOverrides, Override, REPORT};
 use nsq_gpu::model::SceneIr;
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{FluxUnit, Ledger, PathEventKind};
@@ -397,7 +397,6 @@ impl WholeCommand {
         command.args(["-n", &case.num_rays.to_string(), "--max-depth", &case.max_depth.to_string()]);
         command.args(["--precision", precision.name(), "--adapter", &session.gpu.info.name]);
         command.args(["--progress", "never"]).stdout(Stdio::null()).stderr(Stdio::piped());
-        vector_width::leave_to(&mut command);
         if case.kind == Kind::ColdCommand {
             // The switches of Mesa and NVIDIA.
             command.env("MESA_SHADER_CACHE_DISABLE", "true").env("__GL_SHADER_DISK_CACHE", "0");

@@ -5,6 +5,9 @@ use crate::gpu::rounding::Misrounded;
 use crate::gpu::{self, AdapterChoice, AdapterInfo, Gpu};
 use std::fmt::Write;
 
+/// What other vectors of lavapipe's are good for. Lavapipe reads its variable once, before the first adapter.
+const WIDTHS: &str = "LP_NATIVE_VECTOR_WIDTH=128 compiles sooner, for short traces in f64; 512 may suit long traces in f32 on AVX-512";
+
 /// Arguments of `nsq-gpu adapters`.
 #[derive(clap::Args)]
 pub struct Args {
@@ -38,6 +41,9 @@ fn describe(info: &AdapterInfo, measure: bool) -> Result<String> {
     let _ = writeln!(text, "  pairs of 32-bit floats (df64): {pairs}");
     let _ = writeln!(text, "  64-bit integers and atomics: {}", yes_no(info.int64));
     let _ = writeln!(text, "  largest binding: {} MiB", info.max_binding_size >> 20);
+    if info.class.has_vectors_of_a_set_width() && info.is_vulkan() {
+        let _ = writeln!(text, "  vectors: {} bits; {WIDTHS}", 32 * gpu.vector_lanes());
+    }
     if measure {
         let rates = gpu.arithmetic_rates()?;
         let _ = writeln!(text, "  f32: {:.1} G multiply-adds/s", rates.f32 / 1e9);

@@ -1,10 +1,7 @@
 //! What commands share: reading a scene, messages on stderr, printing the result.
 
-#[cfg(feature = "cpu")]
-use crate::cpu::vector_width::Width;
 use crate::error::{Error, Result};
 use crate::format::{for_terminal, path_text};
-use crate::model::SceneIr;
 use crate::scene::Scene;
 use std::io::Write;
 use std::path::Path;
@@ -35,22 +32,4 @@ pub(crate) fn ended(printed: String, failure: Option<Error>) -> Result<String> {
 /// Writes a message to stderr, fit for a terminal; it is no part of the result. Without stderr, it cannot be told.
 pub fn say(text: &str) {
     let _ = writeln!(std::io::stderr(), "{}", for_terminal(text));
-}
-
-/// Lets lavapipe compute in vectors as wide as suits this trace. Must be called before other threads and adapters.
-/// [`crate::cli::main`] demands that no other threads run, and each command calls this before it asks for an adapter.
-#[cfg_attr(not(feature = "cpu"), allow(unused_variables, reason = "the driver's own width is taken"))]
-pub(crate) fn choose_vectors(ir: &SceneIr, num_rays: u64, in_f64: bool) {
-    #[cfg(feature = "cpu")]
-    choose_width(Width::of_command(ir, num_rays, in_f64));
-}
-
-/// As [`choose_vectors`], with this width.
-#[cfg(feature = "cpu")]
-pub fn choose_width(width: Width) {
-    // SAFETY: no other thread runs yet, and no adapter was asked for.
-    #[allow(unsafe_code)]
-    unsafe {
-        crate::cpu::vector_width::choose(width);
-    }
 }

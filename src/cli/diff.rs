@@ -99,7 +99,6 @@ pub fn run(args: &Args) -> Result<String> {
     for ir in [&mut ir_a, &mut ir_b] {
         args.trace.override_sampling(ir)?;
     }
-    args.trace.choose_vectors(&ir_a);
     if args.watch_stdin {
         end_with_caller();
     }

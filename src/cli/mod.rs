@@ -81,7 +81,7 @@ enum Command {
 }
 
 /// Runs the command, and returns the exit code of its error. Must be called before other threads run, because it may
-/// set an environment variable (`crate::cpu::vector_width`).
+/// close stderr to drivers for a moment ([`crate::mesa`]).
 pub fn main() -> ExitCode {
     let start = Instant::now();
     main_of("nsq-gpu", |cli: Cli| match cli.command {
@@ -128,8 +128,7 @@ fn refuse(error: &clap::Error) -> ! {
     std::process::exit(error.exit_code())
 }
 
-/// Keeps Mesa's drivers from writing to stderr. Must be called before other threads and adapters, as
-/// [`console::choose_vectors`].
+/// Keeps Mesa's drivers from writing to stderr. Must be called before other threads and adapters.
 fn quiet_drivers() {
     // SAFETY: no other thread runs yet, and no adapter was asked for.
     #[allow(unsafe_code)]

@@ -119,7 +119,6 @@ impl Args {
 pub fn run(args: &Args, start: Instant) -> Result<String> {
     let scene = read_scene(&args.scene)?;
     let mut ir = scene.lower()?;
-    args.trace.choose_vectors(&ir);
     args.trace.override_sampling(&mut ir)?;
     let has_errors = match (args.trace.target_error, args.trace.standard_error) {
         (Some(_), _) => Some("--target-error"),

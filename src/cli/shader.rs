@@ -1,11 +1,11 @@
 //! `nsq-gpu shader`: prints the WGSL that traces a scene, with the file that each part comes from.
 
 use crate::cli::console::read_scene;
-use crate::cli::trace_args::{PrecisionArg, choose_vectors, wanted};
+use crate::cli::trace_args::{PrecisionArg, wanted};
 use crate::error::Result;
 use crate::gpu::{AdapterChoice, Gpu};
 use crate::program::Precision;
-use crate::run::{Run, TraceOptions, Tracer};
+use crate::run::{Run, Tracer};
 use std::path::PathBuf;
 
 /// Arguments of `nsq-gpu shader`.
@@ -29,7 +29,6 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<String> {
     let scene = read_scene(&args.scene)?;
     let ir = scene.lower()?;
-    choose_vectors(&ir, TraceOptions::default().num_rays, args.precision);
     let gpu = Gpu::open(&AdapterChoice::of_command(args.adapter.as_deref(), args.portable))?;
     let options = Run::of(&scene, &ir).precision(wanted(args.precision)).settle(&gpu)?.options;
     let precision = options.precision;

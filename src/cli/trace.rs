@@ -132,7 +132,6 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     }
     let scene = read_scene(&args.scene)?;
     let mut ir = scene.lower()?;
-    args.trace.choose_vectors(&ir);
     if args.watch_stdin {
         end_with_caller();
     }
@@ -220,7 +219,6 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
         .map_err(|error| error.in_scene(&args.scene.display().to_string()))?;
     let ir = &differentiated.ir;
     let pictures = args.style(ir)?;
-    args.trace.choose_vectors(ir);
     if args.watch_stdin {
         end_with_caller();
     }

@@ -1,6 +1,6 @@
 //! The options of a trace that `nsq-gpu trace` and the requests of `nsq-gpu serve` share.
 
-use crate::cli::{console, quantity};
+use crate::cli::quantity;
 use crate::count;
 use crate::engine::options::MOST_PATH_ROWS;
 use crate::error::{Error, Result};
@@ -165,19 +165,7 @@ pub fn wanted(precision: PrecisionArg) -> Wanted {
     }
 }
 
-/// Lets lavapipe compute in vectors as wide as suits a trace ([`console::choose_vectors`]).
-pub(crate) fn choose_vectors(ir: &SceneIr, num_rays: u64, precision: PrecisionArg) {
-    // On lavapipe, `auto` means f64.
-    let in_f64 = matches!(precision, PrecisionArg::Auto | PrecisionArg::F64);
-    console::choose_vectors(ir, num_rays, in_f64);
-}
-
 impl TraceArgs {
-    /// As [`choose_vectors`].
-    pub(crate) fn choose_vectors(&self, ir: &SceneIr) {
-        choose_vectors(ir, self.num_rays, self.precision);
-    }
-
     /// Most rows of the table of paths.
     pub(crate) fn path_rows(&self) -> Result<u32> {
         let rows = u32::try_from(self.path_rows).ok().filter(|rows| (1..=MOST_PATH_ROWS).contains(rows));

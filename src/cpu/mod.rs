@@ -12,7 +12,6 @@ pub mod wgsl;
 pub mod adapter_traits;
 pub mod path;
 mod second_device;
-pub mod vector_width;
 
 pub use crate::cpu::overrides::{CpuOverrides, Override};
 

@@ -41,8 +41,8 @@ impl AdapterClass {
         self.is_processor()
     }
 
-    /// Its driver may be told how wide vectors are.
-    pub fn may_be_told_vector_width(self) -> bool {
+    /// A variable of its driver may set how wide vectors are.
+    pub fn has_vectors_of_a_set_width(self) -> bool {
         self.is_processor()
     }
 

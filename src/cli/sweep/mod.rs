@@ -112,8 +112,8 @@ pub fn run(args: &Args) -> Result<String> {
     let text = Scene::text(&args.scene)?;
     let folder = args.scene.parent().unwrap_or(Path::new("")).to_owned();
     let name = args.scene.display().to_string();
-    let ir = Scene::with_numbers(&text, &folder, &[]).map_err(|error| error.in_scene(&name))?.lower()?;
-    args.trace.choose_vectors(&ir);
+    // The scene as it stands is checked before the device is opened.
+    Scene::with_numbers(&text, &folder, &[]).map_err(|error| error.in_scene(&name))?.lower()?;
     let has_nominal = !args.tolerance.is_empty();
     let points = match has_nominal {
         false => combinations(&args.set, args.zip)?,
