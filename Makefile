@@ -38,19 +38,23 @@ RANDOM_SCENES = 200
 LONG_ARGS =
 REPORT_ARGS =
 RANDOM_SEED = 1
-# Demo and tests run the program that checks for overflows; times are those of the release (fast-binary), for which
-# BINARY and BUILD_ARGS change together.
+# Runs a part of the tests, and says what it took beside its budget [s].
+PART = $(abspath .ci/part)
+# Tests run the program that checks for overflows. The demo and what is timed run the release, for which BINARY and
+# BUILD_ARGS change together; `pip install ./python` takes the same build.
 TARGET_FOLDER = $(or $(CARGO_TARGET_DIR),target)
 BINARY = $(abspath $(TARGET_FOLDER)/debug/nsq-gpu)
 BUILD_ARGS =
+BUILD_BUDGET = 420
 FAST_BINARY = $(abspath $(TARGET_FOLDER)/release/nsq-gpu)
 # What measures stands beside what it measures.
 FAST_BENCH = $(dir $(FAST_BINARY))nsq-bench
 
-.PHONY: demo docs bench bench-live accuracy fast-binary test test-rust test-python test-random test-torch test-drivers test-long test-plain gpu-report build adapter display rust-components clean
+.PHONY: demo docs bench bench-live accuracy fast-binary test test-rust test-python test-random test-torch test-drivers test-long test-plain test-bare gpu-report build adapter display rust-components clean
 
-demo: adapter
-	@$(BINARY) trace $(DEMO_SCENE) -n $(DEMO_RAYS) --standard-error on -o demo-out
+demo:
+	@$(MAKE) --no-print-directory adapter BINARY=$(FAST_BINARY) BUILD_ARGS="--release -p nsq-gpu"
+	@$(FAST_BINARY) trace $(DEMO_SCENE) -n $(DEMO_RAYS) --standard-error on -o demo-out
 
 fast-binary:
 	@$(MAKE) --no-print-directory adapter BINARY=$(FAST_BINARY) BUILD_ARGS=--release
@@ -76,15 +80,19 @@ docs: .venv-docs/installed
 test: test-rust test-python
 
 test-rust: adapter rust-components display
-	cargo fmt --check
-	cargo clippy --workspace --all-targets -- -D warnings
-	cargo check -p nsq-gpu --no-default-features
-	$(MAKE) --no-print-directory test-plain
-	RUST_TEST_THREADS="$${RUST_TEST_THREADS:-$(TEST_THREADS)}" cargo test
+	@$(PART) format 10 cargo fmt --check
+	@$(PART) clippy 150 cargo clippy --workspace --all-targets -- -D warnings
+	@$(PART) test-plain 150 $(MAKE) --no-print-directory test-plain
+	@$(PART) "Rust tests, built" 300 cargo test --no-run
+	@$(PART) "Rust tests" 500 env RUST_TEST_THREADS="$${RUST_TEST_THREADS:-$(TEST_THREADS)}" cargo test
 
 # Without the CPU backend: the plain loop alone. With the viewer, so that dependencies are those of all other tests.
 test-plain: adapter
 	cargo test -p nsq-gpu --no-default-features --features viewer --test plain
+
+# Without the viewer, too: other dependencies, which are checked anew.
+test-bare:
+	cargo check -p nsq-gpu --no-default-features
 
 test-long: adapter rust-components
 	$(PYTHON) tests/long.py $(LONG_ARGS)
@@ -93,7 +101,7 @@ gpu-report:
 	$(PYTHON) benches/gpu_report.py --binary $(firstword $(wildcard $(FAST_BINARY)) $(BINARY)) -o gpu-report-out $(REPORT_ARGS)
 
 test-python: adapter .venv/installed
-	cd python && NSQ_GPU_BINARY=$(BINARY) ../.venv/bin/python -m pytest -rs $(PYTEST_WORKERS) tests \
+	@cd python && NSQ_GPU_BINARY=$(BINARY) $(PART) "Python tests" 300 ../.venv/bin/python -m pytest -rs $(PYTEST_WORKERS) tests \
 		--ignore tests/test_torch.py --ignore tests/test_torch_lenses.py
 
 test-random: adapter .venv/installed
@@ -113,7 +121,7 @@ test-drivers: adapter .drivers/installed
 
 build:
 	@command -v cargo >/dev/null || { echo "cargo is missing: see https://rustup.rs" >&2; exit 1; }
-	@cargo build $(BUILD_ARGS)
+	@$(PART) build $(BUILD_BUDGET) cargo build $(BUILD_ARGS)
 
 # wgpu needs a Vulkan loader and a driver on Linux. Where the program finds no adapter, lavapipe is one in software.
 adapter: build
