@@ -1,19 +1,18 @@
 //! `nsq-gpu diff`: what a change does, with standard errors of its own.
 
 use crate::cli::console::{ended, read_scene, say};
+use crate::cli::device_args::DeviceArgs;
 use crate::cli::pictures::PictureArgs;
-use crate::cli::progress::{Mode, ProgressMeter};
+use crate::cli::progress::{self, Mode};
 use crate::cli::stops::{end_with_caller, stop_on_interrupt};
 use crate::cli::sweep::parse_number;
 use crate::cli::trace_args::{StandardErrorArg, TraceArgs};
 use crate::error::{Error, Result};
-use crate::gpu::{AdapterChoice, Gpu};
 use crate::result::{SceneDifference, difference, output};
+use crate::run::Run;
 use crate::run::difference::Pair;
-use crate::run::{Next, Run};
 use crate::scene::Scene;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::Ordering;
 
 /// Arguments of `nsq-gpu diff`.
 #[derive(clap::Args)]
@@ -26,21 +25,14 @@ pub struct Args {
     /// A number of scene B and its value: L1.r1=50.5, L4.rx=0.1deg. Names with dots are quoted: '"a.b".r1=50'.
     #[arg(long, value_name = "NAME=VALUE", value_parser = parse_number)]
     set: Vec<(String, f64)>,
-    /// Part of the adapter's name (see `nsq-gpu adapters`).
-    #[arg(long, value_name = "NAME")]
-    adapter: Option<String>,
-    /// Use no native 64-bit integers or atomics of the device.
-    #[arg(long)]
-    portable: bool,
+    #[command(flatten)]
+    device: DeviceArgs,
     /// Print JSON instead of a table.
     #[arg(long)]
     json: bool,
     /// Write the result into this folder: report.json and, per detector, NAME.npz and NAME.png.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Write no pictures, only numbers.
-    #[arg(long, requires = "output")]
-    no_pictures: bool,
     #[command(flatten)]
     pictures: PictureArgs,
     /// Progress on stderr.
@@ -102,21 +94,16 @@ pub fn run(args: &Args) -> Result<String> {
     if args.watch_stdin {
         end_with_caller();
     }
-    let pictures = Some(args.pictures.style(&ir_a)?).filter(|_| !args.no_pictures);
+    let pictures = args.pictures.style(&ir_a)?;
     let pair = Pair::new(&ir_a, ir_b)?;
     if let Some(dir) = &args.output {
         let names = ir_a.detectors.iter().map(|detector| detector.name.as_str());
-        output::check(dir, &difference::file_names(names, !args.no_pictures))?;
+        output::check(dir, &difference::file_names(names, pictures.is_some()))?;
     }
     let stop = stop_on_interrupt()?;
-    let gpu = Gpu::open(&AdapterChoice::of_command(args.adapter.as_deref(), args.portable))?;
+    let gpu = args.device.open()?;
     let run = args.trace.set(Run::of(&a, &ir_a).on(&gpu))?;
-    let mut meter = ProgressMeter::new(args.progress);
-    let found = run.difference(&pair, &b, |status| {
-        meter.update(status);
-        Next::stop_if(stop.load(Ordering::Relaxed))
-    })?;
-    meter.finish();
+    let found = run.difference(&pair, &b, progress::shown(args.progress, &stop))?;
     let found = SceneDifference { names: [args.a.display().to_string(), name_of_b], ..found };
     let warnings = found.run.scene_warnings.iter().chain(&found.run.precision_warning);
     warnings.for_each(|warning| say(&format!("warning: {warning}")));

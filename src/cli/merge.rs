@@ -20,9 +20,6 @@ pub struct Args {
     /// Write the result of all rays into this folder.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Write no pictures, only numbers.
-    #[arg(long, requires = "output")]
-    no_pictures: bool,
     #[command(flatten)]
     pictures: PictureArgs,
     /// The scene file, if it was moved.
@@ -56,7 +53,7 @@ pub fn run(args: &Args) -> Result<String> {
         )));
     }
     check(&args.results, &parts, &ir)?;
-    let style = args.pictures.style(&ir)?;
+    let pictures = args.pictures.style(&ir)?;
     if let Some(dir) = &args.output {
         let real = |path: &Path| path.canonicalize().ok();
         let is_input = |result: &&PathBuf| {
@@ -75,7 +72,7 @@ pub fn run(args: &Args) -> Result<String> {
         let names = ir.detectors.iter().map(|detector| detector.name.as_str());
         let ray_paths = parts.iter().any(|part| !part.tally.paths.is_empty());
         let paths = parts.iter().any(|part| part.tally.path_sums.is_some());
-        output::check(dir, &output::file_names(names, !args.no_pictures, ray_paths, paths, true))?;
+        output::check(dir, &output::file_names(names, pictures.is_some(), ray_paths, paths, true))?;
     }
     let merged = merge(&ir, &parts)?;
     if merged.tally.path_sums.as_ref().is_some_and(PathTally::is_too_large) {
@@ -97,7 +94,7 @@ pub fn run(args: &Args) -> Result<String> {
     }
     say(&on_the_bits(&ir, &parts, &merged.tally.rays));
     let result = TraceResult::new(&ir, &run_info(&path, &scene, &merged), &merged.tally)?;
-    let printed = Printed { json: args.json, pictures: Some(style).filter(|_| !args.no_pictures) };
+    let printed = Printed { json: args.json, pictures };
     crate::cli::trace::deliver(&result, || merged.to_bytes().map(Some), args.output.as_deref(), printed)
 }
 

@@ -7,6 +7,7 @@ mod check;
 mod compare;
 mod completions;
 pub(crate) mod console;
+mod device_args;
 mod diff;
 pub mod materials;
 mod merge;

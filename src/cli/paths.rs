@@ -1,19 +1,19 @@
 //! `nsq-gpu paths`: which paths light took, the strongest first.
 
 use crate::cli::console::{ended, read_scene, say};
+use crate::cli::device_args::DeviceArgs;
 use crate::cli::pictures::PictureArgs;
-use crate::cli::progress::{Mode, ProgressMeter};
+use crate::cli::progress::{self, Mode};
 use crate::cli::stops::stop_on_interrupt;
 use crate::cli::trace_args::{SamplerArg, StandardErrorArg, TraceArgs};
 use crate::count;
 use crate::error::{Error, Result};
 use crate::format::pretty_json;
-use crate::gpu::{AdapterChoice, Gpu};
 use crate::model::SceneIr;
 use crate::paths::rows::{PathMap, TableOptions, detector_of, flux_unit, table_with_maps};
 use crate::result::output::Extras;
 use crate::result::{Detector, FluxUnit, Grouping, LightPath, PathTable, Sorting, StoppedBy, Tally, output};
-use crate::run::{Collect, Next, Outcome, Run, StandardError};
+use crate::run::{Collect, Outcome, Run, StandardError};
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::time::Instant;
@@ -42,21 +42,14 @@ pub struct Args {
     /// So many rows, those of most flux, have a map and with it a peak irradiance.
     #[arg(long, value_parser = count::parse, default_value = "50", value_name = "N")]
     maps: u64,
-    /// Part of the adapter's name (see `nsq-gpu adapters`).
-    #[arg(long, value_name = "NAME")]
-    adapter: Option<String>,
-    /// Use no native 64-bit integers or atomics of the device.
-    #[arg(long)]
-    portable: bool,
+    #[command(flatten)]
+    device: DeviceArgs,
     /// Print JSON instead of a table.
     #[arg(long)]
     json: bool,
     /// Write the result into this folder: report.json, paths.csv, and maps of the first rows as .npz and .png.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Write no pictures, only numbers.
-    #[arg(long, requires = "output")]
-    no_pictures: bool,
     #[command(flatten)]
     pictures: PictureArgs,
     /// Progress on stderr.
@@ -131,16 +124,16 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         )));
     }
     let listing = args.table_options(&ir)?;
-    let style = args.pictures.style(&ir)?;
+    let pictures = args.pictures.style(&ir)?;
     if let Some(dir) = &args.output {
         let names = ir.detectors.iter().map(|detector| detector.name.clone());
         let rows = (1..=listing.num_maps.min(MOST_WRITTEN)).map(|rank| format!("path_{rank}"));
         let names: Vec<String> = names.chain(rows).collect();
         let names = names.iter().map(String::as_str);
-        output::check(dir, &output::file_names(names, !args.no_pictures, false, true, false))?;
+        output::check(dir, &output::file_names(names, pictures.is_some(), false, true, false))?;
     }
     let stop = stop_on_interrupt()?;
-    let gpu = Gpu::open(&AdapterChoice::of_command(args.adapter.as_deref(), args.portable))?;
+    let gpu = args.device.open()?;
     let run = Run::of(&scene, &ir).named(args.scene.display()).since(start).on(&gpu);
     let (run, rows) = (args.trace.set(run)?, args.trace.path_rows()?);
     let run = run.change_options(|options| {
@@ -148,16 +141,12 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         // Rows have errors of their own.
         options.standard_error = if has_errors.is_some() { StandardError::On } else { StandardError::Off };
     });
-    let mut meter = ProgressMeter::new(args.progress);
-    let is_stopped = || stop.load(Ordering::Relaxed);
-    let outcome = run.go_with(|pass| {
-        meter.update(&pass.status);
-        Ok(Next::stop_if(is_stopped()))
-    })?;
-    meter.finish();
+    let mut shown = progress::shown(args.progress, &stop);
+    let outcome = run.go_with(move |pass| Ok(shown(&pass.status)))?;
     let Outcome { mut result, tally, options, found_paths, .. } = outcome;
     let found = found_paths.iter().map(|(path, at)| (path, *at)).collect();
-    let traced = table_with_maps(&gpu, &ir, &options, &tally, &found, &listing, || !is_stopped())?;
+    let traced =
+        table_with_maps(&gpu, &ir, &options, &tally, &found, &listing, || !stop.load(Ordering::Relaxed))?;
     if !traced.is_whole {
         say("the second trace was interrupted: there are no centroids and no peaks");
     }
@@ -169,7 +158,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         let mut written = result.clone();
         written.paths = Some(traced.table.clone());
         written.detectors.extend(path_detectors(&ir, &tally, unit, rows)?);
-        let extras = Extras { pictures: Some(style).filter(|_| !args.no_pictures), tally: None };
+        let extras = Extras { pictures, tally: None };
         match output::write(dir, &written, &extras) {
             Ok(written) => written.files.iter().for_each(|file| say(&format!("written: {}", file.display()))),
             // The table is printed all the same: the trace may have taken hours.

@@ -7,6 +7,9 @@ use crate::result::png::{Style, Unit};
 /// How pictures show maps. The numbers of a result are the same whatever is given here.
 #[derive(Debug, Clone, Copy, clap::Args)]
 pub(crate) struct PictureArgs {
+    /// Write no pictures, only numbers.
+    #[arg(long, requires = "output")]
+    no_pictures: bool,
     /// Colours of pictures: linear from zero, or logarithmic, which shows faint light beside bright light.
     #[arg(long, value_enum, value_name = "SCALE", requires = "output")]
     scale: Option<ScaleArg>,
@@ -25,10 +28,11 @@ enum ScaleArg {
 }
 
 impl PictureArgs {
-    /// The style of pictures of a scene.
-    pub(crate) fn style(self, ir: &SceneIr) -> Result<Style> {
+    /// The style of pictures of a scene, if any are wanted.
+    pub(crate) fn style(self, ir: &SceneIr) -> Result<Option<Style>> {
         let style = Style { is_log: self.is_log(), unit: self.unit };
-        style.check(ir).map(|()| style)
+        style.check(ir)?;
+        Ok(Some(style).filter(|_| !self.no_pictures))
     }
 
     /// True if colours are logarithmic.

@@ -1,9 +1,10 @@
 //! Progress on stderr: a bar for people, lines of JSON for programs.
 
 use crate::cli::console::say;
-use crate::run::Status;
+use crate::run::{Next, Status};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::{Value, json};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// How progress is shown.
@@ -48,7 +49,7 @@ fn percent(fraction: f64) -> String {
 }
 
 /// Shows the progress of a trace.
-pub struct ProgressMeter {
+struct ProgressMeter {
     mode: Mode,
     bar: ProgressBar,
     last: Option<Instant>,
@@ -59,7 +60,7 @@ const INTERVAL: Duration = Duration::from_millis(200);
 
 impl ProgressMeter {
     /// Starts at ray 0.
-    pub fn new(mode: Mode) -> Self {
+    fn new(mode: Mode) -> Self {
         let bar = ProgressBar::with_draw_target(
             Some(0),
             if mode == Mode::Auto { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() },
@@ -77,7 +78,7 @@ impl ProgressMeter {
     }
 
     /// Shows the status if it is time, or if the last ray is done.
-    pub fn update(&mut self, status: &Status) {
+    fn update(&mut self, status: &Status) {
         if !self.is_due() && status.rays != status.num_rays {
             return;
         }
@@ -91,10 +92,20 @@ impl ProgressMeter {
             say(&json(status).to_string());
         }
     }
+}
 
-    /// Removes the bar.
-    pub fn finish(&self) {
+impl Drop for ProgressMeter {
+    fn drop(&mut self) {
         self.bar.finish_and_clear();
+    }
+}
+
+/// Shows how far a trace has come, until the flag is raised or the trace ends: what runs ask after each pass.
+pub(crate) fn shown(mode: Mode, stop: &AtomicBool) -> impl FnMut(&Status) -> Next {
+    let mut meter = ProgressMeter::new(mode);
+    move |status| {
+        meter.update(status);
+        Next::stop_if(stop.load(Ordering::Relaxed))
     }
 }
 

@@ -1,9 +1,9 @@
 //! `nsq-gpu shader`: prints the WGSL that traces a scene, with the file that each part comes from.
 
 use crate::cli::console::read_scene;
+use crate::cli::device_args::DeviceArgs;
 use crate::cli::trace_args::{PrecisionArg, wanted};
 use crate::error::Result;
-use crate::gpu::{AdapterChoice, Gpu};
 use crate::program::Precision;
 use crate::run::{Run, Tracer};
 use std::path::PathBuf;
@@ -17,19 +17,15 @@ pub struct Args {
     /// 32-bit floats before it is compiled.
     #[arg(long, value_enum, default_value_t = PrecisionArg::Auto)]
     precision: PrecisionArg,
-    /// Part of the adapter's name (see `nsq-gpu adapters`): what is composed depends on the adapter's features.
-    #[arg(long, value_name = "NAME")]
-    adapter: Option<String>,
-    /// Use no native 64-bit integers or atomics of the device.
-    #[arg(long)]
-    portable: bool,
+    #[command(flatten)]
+    device: DeviceArgs,
 }
 
 /// Returns the composed text, as `trace` compiles it without other options.
 pub fn run(args: &Args) -> Result<String> {
     let scene = read_scene(&args.scene)?;
     let ir = scene.lower()?;
-    let gpu = Gpu::open(&AdapterChoice::of_command(args.adapter.as_deref(), args.portable))?;
+    let gpu = args.device.open()?;
     let options = Run::of(&scene, &ir).precision(wanted(args.precision)).settle(&gpu)?.options;
     let precision = options.precision;
     let tracer = Tracer::new(&gpu, &ir, &options)?;

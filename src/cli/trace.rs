@@ -1,24 +1,23 @@
 //! `nsq-gpu trace`: traces a scene to maps, ledger and report.
 
 use crate::cli::console::{ended, read_scene, say};
+use crate::cli::device_args::DeviceArgs;
 use crate::cli::pictures::PictureArgs;
-use crate::cli::progress::{Mode, ProgressMeter};
+use crate::cli::progress::{self, Mode};
 use crate::cli::quantity;
 use crate::cli::stops::{end_with_caller, stop_on_interrupt};
 use crate::cli::trace_args::{PathsArg, StandardErrorArg, TraceArgs};
 use crate::count;
 use crate::error::{Error, Result};
 use crate::format::shown;
-use crate::gpu::{AdapterChoice, Gpu};
 use crate::model::SceneIr;
 use crate::result::png::Style;
 use crate::result::{Gradient, StageTime, StoppedBy, TraceResult, output, report};
 use crate::run::gradients::Differentiated;
-use crate::run::{DerivativeOptions, Next, RecordPaths, RowStorage, Run, Saved, missed_target};
+use crate::run::{DerivativeOptions, RecordPaths, RowStorage, Run, Saved, missed_target};
 use crate::scene::Scene;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 /// Arguments of `nsq-gpu trace`.
@@ -42,12 +41,8 @@ pub struct Args {
     /// unbroken trace.
     #[arg(long, value_name = "FILE")]
     resume: Option<PathBuf>,
-    /// Part of the adapter's name (see `nsq-gpu adapters`).
-    #[arg(long, value_name = "NAME")]
-    adapter: Option<String>,
-    /// Use no native 64-bit integers or atomics of the device: the same bits from plain WebGPU.
-    #[arg(long)]
-    portable: bool,
+    #[command(flatten)]
+    device: DeviceArgs,
     /// Record the paths of about N rays, or of all, in ray_paths.npz.
     #[arg(long, value_name = "N|all", value_parser = parse_record_paths, requires = "output")]
     record_paths: Option<RecordPaths>,
@@ -64,9 +59,6 @@ pub struct Args {
     /// Write report.json and, per detector, NAME.npz and NAME.png into this folder.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Write no pictures, only numbers.
-    #[arg(long, requires = "output")]
-    no_pictures: bool,
     #[command(flatten)]
     pictures: PictureArgs,
     /// Time the stages on the device. The times go to stderr and into the report's diagnostics. The trace becomes
@@ -83,14 +75,6 @@ pub struct Args {
     /// leaves no trace running, however that program ends.
     #[arg(long)]
     watch_stdin: bool,
-}
-
-impl Args {
-    /// The style of pictures, if any are wanted.
-    fn style(&self, ir: &SceneIr) -> Result<Option<Style>> {
-        let style = self.pictures.style(ir)?;
-        Ok(Some(style).filter(|_| !self.no_pictures))
-    }
 }
 
 /// Names of numbers.
@@ -136,7 +120,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         end_with_caller();
     }
     args.trace.override_sampling(&mut ir)?;
-    let pictures = args.style(&ir)?;
+    let pictures = args.pictures.style(&ir)?;
     let mut run = Run::of(&scene, &ir).named(args.scene.display()).since(start).messages(&say);
     if let Some(path) = &args.checkpoint {
         run = run.checkpoint(path, args.checkpoint_interval, args.overwrite)?;
@@ -145,7 +129,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         let names = ir.detectors.iter().map(|detector| detector.name.as_str());
         let ray_paths = args.record_paths.is_some();
         let names =
-            output::file_names(names, !args.no_pictures, ray_paths, args.trace.paths == PathsArg::On, true);
+            output::file_names(names, pictures.is_some(), ray_paths, args.trace.paths == PathsArg::On, true);
         if let Some(path) = args.checkpoint.as_ref().filter(|path| is_one_of(path, dir, &names)) {
             let problem = "is the name of a file of the result; name another file for --checkpoint";
             return Err(Error::file(path, problem));
@@ -156,7 +140,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     if let Some(path) = &args.resume {
         run = run.resume(path)?;
     }
-    let gpu = Gpu::open(&AdapterChoice::of_command(args.adapter.as_deref(), args.portable))?;
+    let gpu = args.device.open()?;
     // The sums of a part have its rows, so that other parts can be added.
     let is_part = args.trace.first_ray.is_some() || args.trace.of_rays.is_some();
     let rows = match &args.output {
@@ -169,12 +153,8 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     if args.profile {
         run = run.profile();
     }
-    let mut meter = ProgressMeter::new(args.progress);
-    let outcome = run.go_with(|pass| {
-        meter.update(&pass.status);
-        Ok(Next::stop_if(stop.load(Ordering::Relaxed)))
-    })?;
-    meter.finish();
+    let mut shown = progress::shown(args.progress, &stop);
+    let outcome = run.go_with(move |pass| Ok(shown(&pass.status)))?;
     let path = args.checkpoint.as_deref().unwrap_or(Path::new(""));
     if let Saved::Kept(rays_there) = outcome.saved {
         say(&format!(
@@ -218,26 +198,21 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
     let differentiated = Differentiated::new(&text, folder, &[], names, change)
         .map_err(|error| error.in_scene(&args.scene.display().to_string()))?;
     let ir = &differentiated.ir;
-    let pictures = args.style(ir)?;
+    let pictures = args.pictures.style(ir)?;
     if args.watch_stdin {
         end_with_caller();
     }
     if let Some(dir) = &args.output {
         let names = ir.detectors.iter().map(|detector| detector.name.as_str());
-        let mut files = output::file_names(names, !args.no_pictures, false, false, false);
+        let mut files = output::file_names(names, pictures.is_some(), false, false, false);
         files.insert(0, output::GRADIENTS.into());
         output::check(dir, &files)?;
     }
     let stop = stop_on_interrupt()?;
-    let gpu = Gpu::open(&AdapterChoice::of_command(args.adapter.as_deref(), args.portable))?;
+    let gpu = args.device.open()?;
     let run = args.trace.set(differentiated.run().named(args.scene.display()).on(&gpu))?;
     let asked = DerivativeOptions { with_edges: args.gradient_edges, ..DerivativeOptions::default() };
-    let mut meter = ProgressMeter::new(args.progress);
-    let mut found = run.differentiate(&differentiated, asked, |status| {
-        meter.update(status);
-        Next::stop_if(stop.load(Ordering::Relaxed))
-    })?;
-    meter.finish();
+    let mut found = run.differentiate(&differentiated, asked, progress::shown(args.progress, &stop))?;
     let is_missing = |name: &&String| found.gradients.iter().all(|row| row.parameter != **name);
     let has_no_edges =
         |row: &&Gradient| found.info.partial && args.gradient_edges && row.with_edges.is_none();

@@ -18,14 +18,6 @@ pub struct AdapterChoice {
     pub ways: Ways,
 }
 
-impl AdapterChoice {
-    /// The adapter of a command's `--adapter` and `--portable`.
-    pub(crate) fn of_command(name: Option<&str>, portable: bool) -> Self {
-        let native = if portable { Native::Off } else { Native::Allowed };
-        AdapterChoice { name: name.map(String::from), native, ..AdapterChoice::default() }
-    }
-}
-
 /// Which ways to trace: where sums are added, in what memory tables lie, how many rays an invocation follows.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Ways {

@@ -5,11 +5,11 @@ mod frames;
 mod requests;
 mod traces;
 
+use crate::cli::device_args::DeviceArgs;
 use crate::cli::progress;
 use crate::cli::serve::frames::Incoming;
 use crate::cli::serve::requests::{Request, TraceRequest};
 use crate::error::{Error, Result};
-use crate::gpu::AdapterChoice;
 use crate::result::{Report, TraceResult, npz_files, report};
 use crate::run::gradients::LossWithEdges;
 use crate::run::{LossDerivatives, Next, Session, Status, missed_target};
@@ -30,12 +30,8 @@ const PROGRESS_INTERVAL: Duration = Duration::from_millis(100);
 /// Arguments of `nsq-gpu serve`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Part of the adapter's name (see `nsq-gpu adapters`).
-    #[arg(long, value_name = "NAME")]
-    adapter: Option<String>,
-    /// Use no native 64-bit integers or atomics of the device: the same bits from plain WebGPU.
-    #[arg(long)]
-    portable: bool,
+    #[command(flatten)]
+    device: DeviceArgs,
 }
 
 /// How a request that is not answered goes on: set by the thread that listens.
@@ -83,7 +79,7 @@ pub fn run(args: &Args) -> Result<String> {
         let parent = std::os::unix::process::parent_id();
         std::thread::spawn(move || crate::cli::stops::end_with_parent(parent));
     }
-    let mut session = Session::new(AdapterChoice::of_command(args.adapter.as_deref(), args.portable));
+    let mut session = Session::new(args.device.choice());
     let flags = Flags::default();
     let (sender, jobs) = mpsc::channel();
     let known = flags.clone();
