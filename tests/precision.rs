@@ -12,7 +12,7 @@ use nsq_gpu::model::{DetectorKind, SceneIr};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{PathEvent, PathEventKind};
 use nsq_gpu::run::RecordPaths;
-use nsq_gpu::run::precision::{Need, Wanted, arrivals, choose, predict, quantile};
+use nsq_gpu::run::precision::{Need, WantedPrecision, arrivals, choose, predict, quantile};
 use std::collections::HashMap;
 
 const RAYS: u64 = 2_000;
@@ -145,7 +145,7 @@ fn f32_that_is_asked_for_draws_a_warning_where_it_is_too_coarse() {
     for (name, warned) in [("bench_lens", false), ("mirror_ball_billiard", true)] {
         let ir = zoo::load(name);
         let options = zoo::options(100_000, 0, Precision::F32);
-        let choice = choose(zoo::gpu(), &ir, &options, Wanted::Exactly(Precision::F32)).unwrap();
+        let choice = choose(zoo::gpu(), &ir, &options, WantedPrecision::Exactly(Precision::F32)).unwrap();
         assert_eq!(choice.precision, Precision::F32);
         assert!(choice.reason.contains("99 % of the flux"), "{}", choice.reason);
         assert_eq!(choice.warning.is_some_and(|warning| warning.starts_with("f32 is too coarse")), warned);

@@ -6,7 +6,7 @@ mod command;
 
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{Report, StoppedBy, report};
-use nsq_gpu::run::precision::Wanted;
+use nsq_gpu::run::precision::WantedPrecision;
 use nsq_gpu::run::{Next, RowStorage, Saved};
 use nsq_gpu::{Error, Run};
 use serde_json::Value;
@@ -41,7 +41,7 @@ fn run(scene: &str) -> Run<'static> {
 #[test]
 fn a_run_gives_the_sums_and_the_report_of_the_command() {
     let scene = "scenes/bench_lens.json";
-    let f32 = Wanted::Exactly(Precision::F32);
+    let f32 = WantedPrecision::Exactly(Precision::F32);
     let cases: [(&[&str], Run); 3] = [
         (&["-n", "3e4"], run(scene).rays(3e4).unwrap()),
         (

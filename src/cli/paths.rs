@@ -134,13 +134,14 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     }
     let stop = stop_on_interrupt()?;
     let gpu = args.device.open()?;
-    let run = Run::of(&scene, &ir).named(args.scene.display()).since(start).on(&gpu);
+    let run = Run::of(&scene, &ir).named(args.scene.display()).on(&gpu);
     let (run, rows) = (args.trace.set(run)?, args.trace.path_rows()?);
-    let run = run.change_options(|options| {
+    let mut run = run.change_options(|options| {
         options.collect = Collect::Paths { rows, ends: args.ends };
         // Rows have errors of their own.
         options.standard_error = if has_errors.is_some() { StandardError::On } else { StandardError::Off };
     });
+    run.start = start;
     let mut shown = progress::shown(args.progress, &stop);
     let outcome = run.go_with(move |pass| Ok(shown(&pass.status)))?;
     let Outcome { mut result, tally, options, found_paths, .. } = outcome;

@@ -121,7 +121,8 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     }
     args.trace.override_sampling(&mut ir)?;
     let pictures = args.pictures.style(&ir)?;
-    let mut run = Run::of(&scene, &ir).named(args.scene.display()).since(start).messages(&say);
+    let mut run = Run::of(&scene, &ir).named(args.scene.display()).messages(&say);
+    run.start = start;
     if let Some(path) = &args.checkpoint {
         run = run.checkpoint(path, args.checkpoint_interval, args.overwrite)?;
     }

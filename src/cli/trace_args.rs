@@ -6,7 +6,7 @@ use crate::engine::options::MOST_PATH_ROWS;
 use crate::error::{Error, Result};
 use crate::model::{PathFilter, ReflectProb, Sampling, SceneIr};
 use crate::program::{Precision, Sampler};
-use crate::run::precision::Wanted;
+use crate::run::precision::WantedPrecision;
 use crate::run::{Collect, Run, StandardError, Strict, TraceOptions};
 use std::sync::Arc;
 use std::time::Duration;
@@ -156,12 +156,12 @@ fn parse_reflect_prob(text: &str) -> std::result::Result<ReflectProb, String> {
 }
 
 /// The precision that the argument asks for.
-pub fn wanted(precision: PrecisionArg) -> Wanted {
+pub fn wanted(precision: PrecisionArg) -> WantedPrecision {
     match precision {
-        PrecisionArg::F32 => Wanted::Exactly(Precision::F32),
-        PrecisionArg::Df64 => Wanted::Exactly(Precision::Df64),
-        PrecisionArg::F64 => Wanted::Exactly(Precision::F64),
-        PrecisionArg::Auto => Wanted::Auto,
+        PrecisionArg::F32 => WantedPrecision::Exactly(Precision::F32),
+        PrecisionArg::Df64 => WantedPrecision::Exactly(Precision::Df64),
+        PrecisionArg::F64 => WantedPrecision::Exactly(Precision::F64),
+        PrecisionArg::Auto => WantedPrecision::Auto,
     }
 }
 

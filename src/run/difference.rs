@@ -16,7 +16,7 @@ use crate::result::difference::{Pairing, Spread, with_sources_of};
 use crate::result::{DetectorTally, FluxSum, FluxUnit, RunInfo, SceneDifference, Tally};
 use crate::run::additions::ForAdapter;
 use crate::run::blocks::{Blocks, MOST_BLOCK_RAYS, notes_of_few_rays, num_blocks};
-use crate::run::precision::{self, Choice, Wanted};
+use crate::run::precision::{self, ChosenPrecision, WantedPrecision};
 use crate::run::{Next, PipelineCache, Run, Settled, Status, Tracer};
 use crate::scene::Scene;
 use std::sync::Arc;
@@ -113,8 +113,13 @@ impl<'a> Pair<'a> {
     ///
     /// # Errors
     /// [`Error::Device`] if the device fails.
-    pub fn choose_precision(&self, gpu: &Gpu, options: &TraceOptions, wanted: Wanted) -> Result<Choice> {
-        let fineness = |choice: &Choice| match choice.precision {
+    pub fn choose_precision(
+        &self,
+        gpu: &Gpu,
+        options: &TraceOptions,
+        wanted: WantedPrecision,
+    ) -> Result<ChosenPrecision> {
+        let fineness = |choice: &ChosenPrecision| match choice.precision {
             Precision::F32 => 0,
             Precision::Df64 => 1,
             Precision::F64 => 2,

@@ -10,7 +10,7 @@ use crate::result::{Recording, RunInfo, StoppedBy, Tally, TraceResult};
 use crate::run::additions::ForAdapter;
 use crate::run::checkpoint::{self, Checkpoint, Identity};
 use crate::run::outcome::{Outcome, Saved};
-use crate::run::precision::{self, Choice, Wanted};
+use crate::run::precision::{self, ChosenPrecision, WantedPrecision};
 use crate::run::status::{Next, Status};
 use crate::run::stopping::Stopping;
 use crate::run::{Device, Progress, RowStorage, Run, Saves, StandardError, Strict, TraceOptions, Tracer};
@@ -86,11 +86,11 @@ impl<'a> Run<'a> {
         let gpu = self.device()?;
         let gpu: &Gpu = &gpu;
         // The prediction is only reported, so a second device makes it while the rays are traced.
-        let is_reported = self.precision == Wanted::Exactly(Precision::F32);
+        let is_reported = self.precision == WantedPrecision::Exactly(Precision::F32);
         if !is_reported || self.predicts_first || self.cache.is_some() {
             return self.trace(gpu, self.settle(gpu)?, resumed, after_pass, || None);
         }
-        let asked = Choice { precision: Precision::F32, reason: "asked for".into(), warning: None };
+        let asked = ChosenPrecision { precision: Precision::F32, reason: "asked for".into(), warning: None };
         let settled = self.settled(gpu, self.options_on(gpu), asked.clone());
         let (model, options, wanted) = (&*self.model, settled.options.clone(), self.precision);
         std::thread::scope(|scope| {
@@ -99,7 +99,7 @@ impl<'a> Run<'a> {
             self.trace(gpu, settled, resumed, after_pass, || {
                 let predicted = predicted.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
                 // A failed prediction is no reason to lose the result.
-                Some(predicted.unwrap_or_else(|error| Choice {
+                Some(predicted.unwrap_or_else(|error| ChosenPrecision {
                     warning: Some(format!("the error of f32 could not be predicted: {error}")),
                     ..asked
                 }))
@@ -130,7 +130,7 @@ impl<'a> Run<'a> {
     pub(crate) fn settle_by(
         &self,
         gpu: &Gpu,
-        choose: impl FnOnce(&TraceOptions) -> Result<Choice>,
+        choose: impl FnOnce(&TraceOptions) -> Result<ChosenPrecision>,
     ) -> Result<Settled> {
         let options = self.options_on(gpu);
         let choice = choose(&options)?;
@@ -165,7 +165,7 @@ impl<'a> Run<'a> {
         .tuned(&gpu.info)
     }
 
-    fn settled(&self, gpu: &Gpu, options: TraceOptions, choice: Choice) -> Settled {
+    fn settled(&self, gpu: &Gpu, options: TraceOptions, choice: ChosenPrecision) -> Settled {
         let options = TraceOptions { precision: choice.precision, ..options };
         let info = RunInfo {
             scene: self.name.clone(),
@@ -192,7 +192,7 @@ impl<'a> Run<'a> {
         Settled { options, mut info }: Settled,
         resumed: Option<(PathBuf, Checkpoint)>,
         mut after_pass: impl FnMut(&mut Pass<'_, '_, '_>) -> Result<Next>,
-        predicted: impl FnOnce() -> Option<Choice>,
+        predicted: impl FnOnce() -> Option<ChosenPrecision>,
     ) -> Result<Outcome> {
         let model = &*self.model;
         let rows = match self.saves.is_some() || resumed.is_some() {

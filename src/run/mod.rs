@@ -38,7 +38,7 @@ use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu};
 use crate::model::SceneIr;
 use crate::run::checkpoint::Checkpoint;
-use crate::run::precision::Wanted;
+use crate::run::precision::WantedPrecision;
 use crate::scene::Scene;
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
@@ -69,9 +69,12 @@ pub struct Run<'a> {
     options: TraceOptions,
     /// None: that of the file that the run resumes, or that of the scene.
     max_depth: Option<u32>,
-    precision: Wanted,
-    predicts_first: bool,
+    precision: WantedPrecision,
+    /// The error of f32 is predicted before the rays are traced, also where it is only reported. Otherwise a second device
+    /// predicts it meanwhile.
+    pub(crate) predicts_first: bool,
     device: Device<'a>,
+    /// Compiled shaders of earlier runs, for scenes whose numbers are live: in short traces, or as `live` says.
     cache: Option<&'a PipelineCache>,
     live: Option<bool>,
     target_error: Option<f64>,
@@ -81,8 +84,8 @@ pub struct Run<'a> {
     resumed: Option<(PathBuf, Checkpoint)>,
     has_profile: bool,
     pass_time: Option<Duration>,
-    /// From when the time to the first rays counts.
-    start: Instant,
+    /// From when the report counts the time to the first rays.
+    pub(crate) start: Instant,
     say: &'a dyn Fn(&str),
 }
 
@@ -148,7 +151,7 @@ impl<'a> Run<'a> {
             name: None,
             options: TraceOptions::default(),
             max_depth: None,
-            precision: Wanted::Auto,
+            precision: WantedPrecision::Auto,
             predicts_first: false,
             device: Device::Choice(AdapterChoice::default()),
             cache: None,
@@ -209,7 +212,7 @@ impl<'a> Run<'a> {
 
     /// The precision.
     #[must_use]
-    pub fn precision(self, precision: Wanted) -> Self {
+    pub fn precision(self, precision: WantedPrecision) -> Self {
         Run { precision, ..self }
     }
 
@@ -302,30 +305,10 @@ impl<'a> Run<'a> {
         Run { pass_time: Some(time), ..self }
     }
 
-    /// Predicts the error of f32 before the rays are traced, also where it is only reported. Otherwise a second device
-    /// predicts it meanwhile.
-    #[must_use]
-    pub fn predict_first(self) -> Self {
-        Run { predicts_first: true, ..self }
-    }
-
-    /// From when the report counts the time to the first rays. The default is when the run was made.
-    #[must_use]
-    pub fn since(self, start: Instant) -> Self {
-        Run { start, ..self }
-    }
-
     /// Where messages for people go while the run lasts, such as that a checkpoint could not be written. The default is
     /// nowhere.
     #[must_use]
     pub fn messages(self, say: &'a dyn Fn(&str)) -> Self {
         Run { say, ..self }
-    }
-
-    /// With compiled shaders of earlier runs, which are kept there. They serve where the scene's numbers are live: in short
-    /// traces, or as `live` says.
-    #[must_use]
-    pub fn with_cache(self, cache: &'a PipelineCache, live: Option<bool>) -> Self {
-        Run { cache: Some(cache), live, ..self }
     }
 }

@@ -40,7 +40,7 @@ const ROUNDINGS: f64 = 1.0;
 
 /// The precision that the user asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Wanted {
+pub enum WantedPrecision {
     /// The least expensive precision that is good enough.
     Auto,
     /// This one.
@@ -49,7 +49,7 @@ pub enum Wanted {
 
 /// A precision, and the reason for it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Choice {
+pub struct ChosenPrecision {
     /// The precision.
     pub precision: Precision,
     /// The reason.
@@ -92,7 +92,12 @@ pub struct Arrival {
 ///
 /// # Errors
 /// [`crate::Error::Device`] if the device fails.
-pub fn choose(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions, wanted: Wanted) -> Result<Choice> {
+pub fn choose(
+    gpu: &Gpu,
+    ir: &SceneIr,
+    options: &TraceOptions,
+    wanted: WantedPrecision,
+) -> Result<ChosenPrecision> {
     choose_by(gpu, ir, options, wanted, |ir, options| Tracer::new(gpu, ir, options)?.trace(|_| true))
 }
 
@@ -104,21 +109,24 @@ pub fn choose_by(
     gpu: &Gpu,
     ir: &SceneIr,
     options: &TraceOptions,
-    wanted: Wanted,
+    wanted: WantedPrecision,
     trace: impl Fn(&SceneIr, &TraceOptions) -> Result<Tally>,
-) -> Result<Choice> {
-    let plain = |precision, reason: &str| Ok(Choice { precision, reason: reason.into(), warning: None });
+) -> Result<ChosenPrecision> {
+    let plain =
+        |precision, reason: &str| Ok(ChosenPrecision { precision, reason: reason.into(), warning: None });
     match wanted {
-        Wanted::Exactly(precision @ (Precision::Df64 | Precision::F64)) => plain(precision, "asked for"),
-        Wanted::Exactly(Precision::F32) => {
+        WantedPrecision::Exactly(precision @ (Precision::Df64 | Precision::F64)) => {
+            plain(precision, "asked for")
+        }
+        WantedPrecision::Exactly(Precision::F32) => {
             let need = Need::of(ir, &predict_by(ir, options, &trace)?);
             let reason = format!("asked for: {}", need.text(ir));
-            Ok(Choice { precision: Precision::F32, reason, warning: need.warning(ir) })
+            Ok(ChosenPrecision { precision: Precision::F32, reason, warning: need.warning(ir) })
         }
-        Wanted::Auto if gpu.f64 && gpu.info.class.computes_f64_as_fast_as_f32() => {
+        WantedPrecision::Auto if gpu.f64 && gpu.info.class.computes_f64_as_fast_as_f32() => {
             plain(Precision::F64, "a processor computes f64 about as fast as f32")
         }
-        Wanted::Auto => {
+        WantedPrecision::Auto => {
             let need = Need::of(ir, &predict_by(ir, options, &trace)?);
             Ok(need.choice(ir, || finest(gpu)))
         }
@@ -148,7 +156,7 @@ impl Need {
     }
 
     /// The least expensive precision that is good enough. `finest` is called where that is not f32.
-    pub fn choice(&self, ir: &SceneIr, finest: impl FnOnce() -> Precision) -> Choice {
+    pub fn choice(&self, ir: &SceneIr, finest: impl FnOnce() -> Precision) -> ChosenPrecision {
         let enough = matches!(self, Need::Pixels(error) if error.pixels.unwrap_or(0.0) <= GOOD_PIXELS);
         let precision = if enough { Precision::F32 } else { finest() };
         let (end, warning) = match precision {
@@ -157,7 +165,7 @@ impl Need {
             Precision::Df64 => ("; the adapter has no f64", None),
             Precision::F64 => ("", None),
         };
-        Choice { precision, reason: format!("auto: {}{end}", self.text(ir)), warning }
+        ChosenPrecision { precision, reason: format!("auto: {}{end}", self.text(ir)), warning }
     }
 
     fn text(&self, ir: &SceneIr) -> String {

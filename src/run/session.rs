@@ -53,6 +53,6 @@ impl Session {
     /// As [`Session::open`].
     pub fn run<'a>(&'a mut self, run: Run<'a>, live: Option<bool>) -> Result<Run<'a>> {
         let Opened { gpu, cache } = self.opened()?;
-        Ok(run.on(gpu).with_cache(cache, live))
+        Ok(Run { cache: Some(cache), live, ..run.on(gpu) })
     }
 }

@@ -17,7 +17,7 @@ use crate::gpu::{AdapterChoice, Gpu};
 use crate::model::{PathFilter, SceneIr};
 use crate::program::Precision;
 use crate::result::{PathColumns, TraceResult};
-use crate::run::precision::Wanted;
+use crate::run::precision::WantedPrecision;
 use crate::run::{Next, Pass, RecordPaths, Run, StandardError, TraceOptions};
 use crate::scene::Scene;
 use std::path::{Path, PathBuf};
@@ -260,9 +260,9 @@ pub(super) fn run<'a>(scene: &'a LoadedScene, options: &RunOptions, gpu: &'a Gpu
         .on(gpu)
         .options(traced)
         .max_depth(options.max_depth)
-        .precision(options.precision.map_or(Wanted::Auto, Wanted::Exactly))
-        .predict_first()
+        .precision(options.precision.map_or(WantedPrecision::Auto, WantedPrecision::Exactly))
         .pass_time(PASS_TIME);
+    run.predicts_first = true;
     if let Some(limit) = options.time_limit {
         run = run.time_limit(limit);
     }

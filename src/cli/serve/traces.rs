@@ -23,7 +23,8 @@ impl TraceRequest {
             let scene = Scene::with_numbers(&self.scene, &self.folder, &self.set);
             let run = Run::new(scene.map_err(|error| self.named(error))?)?;
             let run = run.change_model(|ir| self.args.override_sampling(ir))?;
-            let run = self.run(session, run)?.record_paths(self.record_paths).since(start);
+            let mut run = self.run(session, run)?.record_paths(self.record_paths);
+            run.start = start;
             return Ok(run.go_with(|pass| Ok(next(&pass.status)))?.result);
         }
         self.refuse_options_of_one_trace("gradient")?;
