@@ -1,7 +1,7 @@
 //! The ways in which a scene can be traced, as far as they change its module.
 
-use nsq_gpu::Result;
 use nsq_gpu::derivatives::Derivatives;
+use nsq_gpu::model::surface_optics::splits;
 use nsq_gpu::model::{SceneIr, depth};
 use nsq_gpu::paths::followed::FollowedPaths;
 use nsq_gpu::paths::sums::PathSums;
@@ -10,6 +10,7 @@ use nsq_gpu::program::rewrite::jvp::{Parameter, Tangents};
 use nsq_gpu::program::{
     MAX_BAKED_PRIMITIVES, PathSampling, Precision, Program, ProgramOptions, Sampler, SecondMoments,
 };
+use nsq_gpu::{Error, Result};
 use std::sync::Arc;
 
 /// What a trace collects, or what else sets it apart from a plain trace of the scene.
@@ -105,6 +106,9 @@ impl Form {
         let num_primitives = ir.surfaces.len() + ir.detectors.len();
         let is_baked = num_primitives <= MAX_BAKED_PRIMITIVES;
         let has_derivatives = matches!(self.kind, Kind::Tangents | Kind::Adjoints);
+        if has_derivatives && splits(ir) {
+            return Err(Error::Usage("split rays have no derivatives".into()));
+        }
         let max_depth = depth::of_scene(ir);
         let events_per_dispatch = match self.kind {
             Kind::Queue => 4,
