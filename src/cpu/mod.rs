@@ -27,6 +27,7 @@ use crate::engine::limits::{DispatchLimits, WORKGROUPS_PER_PROCESSOR};
 use crate::engine::options::TraceOptions;
 use crate::engine::plan::TracePlan;
 use crate::engine::stages::{AddedStage, ExtraBindings};
+use crate::engine::undrained::empty_tally;
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::model::SceneIr;
@@ -282,8 +283,11 @@ impl Addition for Cpu {
         Ok(extra)
     }
 
-    fn discard(&mut self) {
+    fn discard(&mut self, engine: &mut Engine) -> Result<()> {
         self.logs.as_mut().into_iter().for_each(LogBuffers::discard);
+        // What was added up before the failure goes nowhere.
+        let nothing = &mut empty_tally(engine.ir);
+        if engine.undrained.counts > 0 { self.drain(engine, nothing) } else { Ok(()) }
     }
 
     /// Those of the hot path take so little time that they are always a batch.

@@ -59,7 +59,9 @@ pub(crate) trait Addition: ProgramAddition + Any {
     fn set_seed(&mut self, _seed: u64) {}
 
     /// Discards what an earlier trace left that failed half-way.
-    fn discard(&mut self) {}
+    fn discard(&mut self, _engine: &mut Engine) -> Result<()> {
+        Ok(())
+    }
 
     /// Begins a trace that goes on from a tally.
     fn begin(&mut self, _engine: &mut Engine, _tally: &mut Tally) -> Result<()> {

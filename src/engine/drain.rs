@@ -40,7 +40,7 @@ fn drain_devices(engine: &mut Engine, additions: &mut Additions, tally: &mut Tal
 
 /// Discards what an earlier trace left that failed half-way.
 pub(crate) fn discard(engine: &mut Engine, additions: &mut Additions) -> Result<()> {
-    additions.all_mut().for_each(|addition| addition.discard());
+    additions.each(|addition| addition.discard(engine))?;
     if engine.undrained.counts > 0 {
         let nothing = &mut empty_tally(engine.ir);
         drain_devices(engine, additions, nothing)?;
