@@ -1,4 +1,7 @@
 // The loop within a pass: each dispatch follows rays for a few events in registers, then queues the survivors.
+//
+// The loop calls `interact`; the physics is `plain_interact`. What stands between the two names is a slot, which an addition
+// may fill (stages/path.plain.wgsl). So it is with `generate`, `intersect`, `splat` and others.
 
 @compute @workgroup_size(WORKGROUP_SIZE)
 fn trace_new(

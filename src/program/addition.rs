@@ -1,10 +1,22 @@
 //! What an addition to the plain loop asks of a program. The host's half of an addition is `engine::Addition`.
 //!
+//! The parts of an addition, from the loop down to the text:
+//!
+//! ```text
+//! engine::addition::Addition   what it does in a trace: buffers, drains, stages of its own
+//!   is a ProgramAddition       what it asks of the program of any scene: options, cells
+//!     gives a ShaderAddition   its WGSL for one scene: files in slots, text, an entry point
+//! ```
+//!
+//! Lists of them are `engine::addition::Additions` and [`ShaderAdditions`], which each program keeps. Options are changed
+//! in this order: `Addition::specialise`, which knows the device; [`ProgramAddition::prepare`], which knows the features;
+//! then the program is composed, and `Addition::pack` adds buffers to it.
+//!
 //! The plain program is complete without additions, and traces every scene. An addition may take the place of the file
 //! of a slot ([`crate::program::wgsl::variants`]), and may add constants, functions and entry points. Nothing in the
 //! plain program knows an addition by name.
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::program::features::Features;
 use crate::program::input::ProgramInput;
 use crate::program::layout::tables::Cells;
@@ -133,8 +145,18 @@ impl ShaderAdditions {
     }
 
     /// The file that takes the place of a slot's own.
-    pub fn file(&self, slot: &str) -> Option<ShaderFile> {
-        self.all().find_map(|addition| addition.replaces(slot))
+    ///
+    /// # Errors
+    /// [`Error::Internal`] if two additions want it for different files.
+    pub fn file(&self, slot: &str) -> Result<Option<ShaderFile>> {
+        let mut files = self.all().filter_map(|addition| addition.replaces(slot));
+        let first = files.next();
+        match files.find(|file| first.is_some_and(|first| first.path != file.path)) {
+            None => Ok(first),
+            Some(file) => {
+                Err(Error::Internal(format!("a second addition puts {} into the slot {slot}", file.path)))
+            }
+        }
     }
 
     /// The entry point that follows new rays, in the place of the plain one.

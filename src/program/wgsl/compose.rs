@@ -22,7 +22,7 @@ impl Composition<'_> {
         let mut text = Text::default();
         library::add(&mut text, self.real_type(), self.integers(), self.options.sampler);
         text.composed("program::wgsl::constants", &self.constants(additions)?);
-        text.files(self.files(additions));
+        text.files(self.files(additions)?);
         text.composed("program::wgsl::rows", &self.rows(additions)?);
         text.composed("program::wgsl::search", &self.nearest_primitive()?);
         text.composed("program::wgsl::trees", &self.waiting());

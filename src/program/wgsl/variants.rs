@@ -1,6 +1,7 @@
 //! The table of the files of shaders/ that a scene takes: one row a slot, with its twin files and the rule that picks
 //! one.
 
+use crate::error::Result;
 use crate::model::Precision;
 use crate::model::SourceFunction;
 use crate::program::addition::ShaderAdditions;
@@ -200,13 +201,16 @@ pub(crate) fn either(condition: bool, first: ShaderFile, second: ShaderFile) -> 
 
 impl Composition<'_> {
     /// The files that the scene needs, each once.
-    pub(super) fn files(&self, additions: &ShaderAdditions) -> Vec<ShaderFile> {
+    pub(super) fn files(&self, additions: &ShaderAdditions) -> Result<Vec<ShaderFile>> {
         let case = Case { f: &self.features, o: &self.options, all: self };
         let mut files = ALWAYS.to_vec();
         files.extend(case.single(additions).into_iter().filter(|(needed, _)| *needed).map(|(_, file)| file));
         files.extend(self.features.detectors.iter().map(|function| function.wgsl().file));
-        let pick = |slot: &Slot| (slot.pick)(&case).map(|file| additions.file(slot.stem).unwrap_or(file));
-        files.extend(SLOTS.iter().filter_map(pick));
+        for slot in SLOTS {
+            if let Some(own) = (slot.pick)(&case) {
+                files.push(additions.file(slot.stem)?.unwrap_or(own));
+            }
+        }
         // Several kinds of shapes may share a file.
         for kind in &self.features.shapes {
             let file = kind.wgsl().file;
@@ -220,6 +224,6 @@ impl Composition<'_> {
                 kind.wgsl().shared.filter(|shared| files.iter().all(|known| known.path != shared.path));
             files.extend(shared.into_iter().chain([kind.wgsl().file]));
         }
-        files
+        Ok(files)
     }
 }
