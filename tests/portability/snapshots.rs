@@ -30,22 +30,10 @@ fn collect(folder: &Path, shaders: &Path, files: &mut Vec<(String, String)>) {
     }
 }
 
-/// A file as it stands where rays on wrong sides are looked for: other functions have the names of some of its own.
-pub fn with_sides(text: &str) -> String {
-    let names =
-        [("leave_boundary", "pass_boundary"), ("settle", "settle_end"), ("begin_ray", "begin_on_path")];
-    let names = names.into_iter().chain([("end_path", "end_on_path")]);
-    names.fold(text.to_string(), |text, (own, other)| {
-        text.replace(&format!("fn {own}("), &format!("fn {other}("))
-    })
-}
-
 fn abridged(wgsl: &str) -> String {
     let abridge = |text: String, (path, file): (String, String)| {
         let named = format!("// ==== shaders/{path}\n{file}\n");
-        let renamed = with_sides(&named);
-        let text = text.replace(&named, &format!("// <- shaders/{path}\n"));
-        text.replace(&renamed, &format!("// <- shaders/{path}, renamed\n"))
+        text.replace(&named, &format!("// <- shaders/{path}\n"))
     };
     shader_files().into_iter().fold(wgsl.to_string(), abridge)
 }
