@@ -18,10 +18,13 @@ const RULES: &str = "program/rewrite/jvp/rules.rs";
 const REWRITING: &str = "program/rewrite/";
 
 /// Words that the compilers give to what they make, or that begin such a name.
-const GENERATED: [&str; 6] = ["Adjoints", "Record", "record", "sums_of_adjoints", "_back", "df64_"];
+const GENERATED: [&str; 7] = ["Adjoints", "adjoint", "Record", "record", "sums_of_adjoints", "_back", "df64_"];
 
 /// Names that stand in no shader file, because the host writes the text that declares them.
-const COMPOSED: [(&str, &str); 3] = [
+const COMPOSED: [(&str, &str); 6] = [
+    ("divide", "gpu/rounding.rs"),
+    ("measure", "engine/rates.rs"),
+    ("test", "engine/double_word.rs"),
     ("NUM_TANGENTS", "derivatives/wgsl.rs"),
     ("Numbers", "program/layout/numbers.rs"),
     ("trace_hot_path", "cpu/path/compose.rs"),

@@ -57,7 +57,8 @@ impl DeviceState {
         let sums = DeviceSums::new(gpu, &program.sums.sums)?;
         let tops = program.sums.tops.as_ref().map(|tops| DeviceSums::new(gpu, tops)).transpose()?;
         let counters = DeviceSums::new(gpu, &program.sums.counters)?;
-        let range = gpu.constant_buffer("range", &vec![0; stride_of(program, "Range")? as usize]);
+        let range_bytes = stride_of(program, "Range")? as usize;
+        let range = gpu.constant_buffer("range", &vec![0; range_bytes]);
         let source =
             gpu.constant_buffer("source", program.source_uniforms.first().map_or(&[], Vec::as_slice));
         let uploads: Vec<(u32, wgpu::Buffer)> = program

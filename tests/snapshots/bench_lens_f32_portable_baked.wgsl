@@ -44,6 +44,8 @@ const CELL_BSDF: u32 = 10u;
 const CELL_BSDF_GAIN: u32 = 11u;
 const CELL_SURFACES: u32 = 12u;
 const COUNTER_REACHED: u32 = 4111u;
+const COUNTER_ENTERED_TWICE: u32 = 4115u;
+const COUNTER_ENDED_INSIDE: u32 = 4118u;
 const HAS_REFRACTIVE: bool = true;
 const HAS_REFLECTIVE: bool = false;
 const HAS_HARD: bool = false;
@@ -62,9 +64,9 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 // <- shaders/stages/state.wgsl
 // <- shaders/stages/counts.wgsl
 // <- shaders/stages/generate.wgsl
-// <- shaders/stages/interact.wgsl, renamed
+// <- shaders/stages/interact.wgsl
 // <- shaders/stages/splat.wgsl
-// <- shaders/stages/trace.wgsl, renamed
+// <- shaders/stages/trace.wgsl
 // <- shaders/geometry/transforms.wgsl
 // <- shaders/geometry/quadric.wgsl
 // <- shaders/shapes/plane.wgsl
@@ -72,6 +74,9 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 // <- shaders/stages/intersect.wgsl
 // <- shaders/detectors/irradiance.wgsl
 // <- shaders/stages/ids.range.wgsl
+// <- shaders/stages/path.plain.wgsl
+// <- shaders/stages/hit.plain.wgsl
+// <- shaders/stages/taps.plain.wgsl
 // <- shaders/stages/rays.one.wgsl
 // <- shaders/stages/rounds.few.wgsl
 // <- shaders/stages/scatter.none.wgsl
@@ -79,6 +84,8 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 // <- shaders/optics/spectrum.single.wgsl
 // <- shaders/optics/bulk.none.wgsl
 // <- shaders/optics/roulette.none.wgsl
+// <- shaders/optics/reflection.drawn.wgsl
+// <- shaders/optics/wrong_sides.counted.wgsl
 // <- shaders/optics/branch.fresnel.wgsl
 // <- shaders/optics/coating.none.wgsl
 // <- shaders/optics/reflectance.none.wgsl
@@ -90,6 +97,7 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 // <- shaders/sums/passes.deposited.wgsl
 // <- shaders/sums/weights.vary.wgsl
 // <- shaders/sums/reached.bits.wgsl
+// <- shaders/sums/deposit.plain.wgsl
 // <- shaders/sums/replicates.none.wgsl
 // <- shaders/sums/moments.none.wgsl
 // <- shaders/rows/paths.none.wgsl
@@ -236,20 +244,18 @@ fn add_to_bin(cell: u32, q: Quanta) {
         return;
     }
 }
-fn flush_bins() {
+fn plain_flush_bins() {
     flush_count(CELL_UNDERFLOWS, bin_0_events);
 }
 
 // ==== composed by program::wgsl::dispatch
+fn quadric_normal(surface: Surface, position: vec3<real>) -> vec3<real> {
+    return normal_of_quadric(surface, position);
+}
 fn record(ray: Ray, detector: Detector, index: u32, ends: bool) {
     if detector.kind == 0u { record_irradiance(ray, detector, ends); }
 }
 fn emit(key: RayKey, e: Source) -> LocalRay {
     return emit_collimated_tophat(key, e);
 }
-
-// <- shaders/optics/wrong_sides.wgsl
-// ==== composed by program::wgsl::wrong_sides
-const COUNTER_ENTERED_TWICE: u32 = 4115u;
-const COUNTER_ENDED_INSIDE: u32 = 4118u;
 

@@ -77,6 +77,9 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 // <- shaders/detectors/irradiance.wgsl
 // <- shaders/detectors/spectral.wgsl
 // <- shaders/stages/ids.range.wgsl
+// <- shaders/stages/path.plain.wgsl
+// <- shaders/stages/hit.plain.wgsl
+// <- shaders/stages/taps.plain.wgsl
 // <- shaders/stages/rays.one.wgsl
 // <- shaders/cpu/rounds.many.wgsl
 // <- shaders/stages/scatter.none.wgsl
@@ -84,6 +87,8 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 // <- shaders/optics/spectrum.discrete.wgsl
 // <- shaders/optics/bulk.none.wgsl
 // <- shaders/optics/roulette.none.wgsl
+// <- shaders/optics/reflection.drawn.wgsl
+// <- shaders/optics/wrong_sides.none.wgsl
 // <- shaders/optics/branch.fresnel.wgsl
 // <- shaders/optics/coating.none.wgsl
 // <- shaders/optics/reflectance.table.wgsl
@@ -97,6 +102,7 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 // <- shaders/sums/passes.deposited.wgsl
 // <- shaders/sums/weights.vary.wgsl
 // <- shaders/sums/reached.counters.wgsl
+// <- shaders/sums/deposit.plain.wgsl
 // <- shaders/sums/replicates.none.wgsl
 // <- shaders/sums/moments.none.wgsl
 // <- shaders/rows/paths.none.wgsl
@@ -337,10 +343,13 @@ fn add_to_bin(cell: u32, q: Quanta) {
     count(cell);
     deposit(cell, q);
 }
-fn flush_bins() {
+fn plain_flush_bins() {
 }
 
 // ==== composed by program::wgsl::dispatch
+fn quadric_normal(surface: Surface, position: vec3<real>) -> vec3<real> {
+    return normal_of_quadric(surface, position);
+}
 fn record(ray: Ray, detector: Detector, index: u32, ends: bool) {
     if detector.kind == 0u { record_irradiance(ray, detector, ends); }
     if detector.kind == 1u { record_spectral(ray, detector, ends); }
