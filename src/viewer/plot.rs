@@ -354,7 +354,11 @@ fn horizontal_ticks(ui: &Ui, frame: &PlotFrame, font: &FontId) -> Vec<Tick> {
 
 /// Ticks between decimal logarithms.
 fn powers(range: (f64, f64), count: usize) -> Vec<Tick> {
-    decades(range, count).map(|value| (value.log10(), significant(value, 2))).collect()
+    let label = |value: f64| match value.log10().floor() as i32 {
+        -2..=3 => significant(value, 1),
+        _ => format!("{value:.0e}"),
+    };
+    decades(range, count).map(|value| (value.log10(), label(value))).collect()
 }
 
 /// Width of a label \[points\].
