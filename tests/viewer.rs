@@ -1080,6 +1080,8 @@ fn without_the_feature_there_is_no_trace_of_a_window() {
     let mut command = Command::new(env!("CARGO"));
     command.args([
         "tree",
+        "-p",
+        "nsq-gpu",
         "--offline",
         "--locked",
         "--no-default-features",
