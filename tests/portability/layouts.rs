@@ -179,7 +179,7 @@ fn rows_of_a_mesh_are_where_the_shader_looks() {
 fn a_queued_ray_is_small() {
     for tier in tiers_in_tables() {
         let program = everything().program(tier);
-        assert!(StructLayout::of(&program.module, "QueuedRay").unwrap().stride <= 80, "{tier:?}");
+        assert!(StructLayout::of(&program.module, "RayInQueue").unwrap().stride <= 80, "{tier:?}");
     }
 }
 
