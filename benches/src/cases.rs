@@ -1,7 +1,9 @@
 //! The cases to measure: scenes in the form of files that users trace, so that every peer reads the same files.
 
+use nsq_gpu::gpu::Gpu;
+use nsq_gpu::internals::{CpuOverrides, Override};
 use nsq_gpu::program::Precision;
-use nsq_gpu::run::TraceOptions;
+use nsq_gpu::run::{StandardError, TraceOptions};
 use nsq_gpu::{Error, Result};
 use serde_json::{Value, json};
 
@@ -23,12 +25,31 @@ pub struct Case {
     pub kind: Kind,
 }
 
+/// Rays of a case that stands for long traces.
+const LONG_TRACE: u64 = 10_000_000;
+
 impl Case {
     /// How the case is traced, with defaults for all else.
     pub fn options(&self, precision: Precision) -> TraceOptions {
         let (num_rays, max_depth) = (self.num_rays, self.max_depth);
         TraceOptions { num_rays, max_depth, precision, ..TraceOptions::default() }
     }
+
+    /// The same without standard errors, cut as suits an adapter: for parts of a trace that are held against each other.
+    pub fn options_without_errors(&self, precision: Precision, gpu: &Gpu) -> TraceOptions {
+        TraceOptions { standard_error: StandardError::Off, ..self.options(precision) }.tuned(&gpu.info)
+    }
+
+    /// True if the case stands for a long trace.
+    pub fn is_long(&self) -> bool {
+        self.num_rays >= LONG_TRACE
+    }
+}
+
+/// What an adapter that is a processor does in the midst of a long trace, if the trace is one.
+pub fn in_midst(is_long: bool) -> CpuOverrides {
+    let in_midst = if is_long { Override::Always } else { Override::Automatic };
+    CpuOverrides { second_device: in_midst, side_traces: in_midst, ..CpuOverrides::default() }
 }
 
 /// What is timed.

@@ -5,7 +5,7 @@ use crate::cases::{Case, Kind};
 use nsq_gpu::gpu::Gpu;
 use nsq_gpu::program::Precision;
 use nsq_gpu::run::gradients::{Differentiated, How, MOST_PARAMETERS};
-use nsq_gpu::run::{ForAdapter, PipelineCache, Shaders, StandardError, TraceOptions, Tracer};
+use nsq_gpu::run::{ForAdapter, PipelineCache, Shaders, Tracer};
 use nsq_gpu::{Error, Result};
 use serde_json::Value;
 use std::fmt::Write;
@@ -65,8 +65,7 @@ pub fn measure(gpu: &Gpu, case: &Case, precision: Precision, num_runs: usize) ->
     let scenes = COUNTS.map(scene);
     let [one, four] = scenes;
     let scenes = [one?, four?];
-    let options =
-        TraceOptions { standard_error: StandardError::Off, ..case.options(precision) }.tuned(&gpu.info);
+    let options = case.options_without_errors(precision, gpu);
     let cache = PipelineCache::new();
     let how = How { cache: Some(&cache), ..How::default() };
     let mut plain = Tracer::with(gpu, &scenes[0].ir, &options, ForAdapter::Nothing, Shaders::default())?;

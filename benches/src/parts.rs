@@ -2,12 +2,12 @@
 //! a bit of a result.
 
 use crate::Summary;
-use crate::cases::Case;
+use crate::cases::{Case, in_midst};
 use nsq_gpu::Result;
 use nsq_gpu::gpu::Gpu;
 use nsq_gpu::internals::{CpuOverrides, Override};
 use nsq_gpu::program::Precision;
-use nsq_gpu::run::{ForAdapter, Shaders, StandardError, TraceOptions, Tracer};
+use nsq_gpu::run::{ForAdapter, Shaders, Tracer};
 use nsq_gpu::scene::Scene;
 use std::time::Instant;
 
@@ -44,11 +44,8 @@ pub struct PartGains {
 /// [`nsq_gpu::Error::Device`] if the device fails.
 pub fn measure(gpu: &Gpu, case: &Case, precision: Precision, num_runs: usize) -> Result<PartGains> {
     let ir = Scene::from_json(&case.scene)?.lower()?;
-    let options =
-        TraceOptions { standard_error: StandardError::Off, ..case.options(precision) }.tuned(&gpu.info);
-    // As in the midst of a long trace.
-    let is_long = if case.num_rays >= 10_000_000 { Override::Always } else { Override::Automatic };
-    let with = CpuOverrides { second_device: is_long, side_traces: is_long, ..CpuOverrides::default() };
+    let options = case.options_without_errors(precision, gpu);
+    let with = in_midst(case.is_long());
     let tracer = |overrides: &CpuOverrides| {
         Tracer::with(gpu, &ir, &options, ForAdapter::Forced(overrides), Shaders::default())
     };

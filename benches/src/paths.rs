@@ -2,12 +2,11 @@
 //! without it.
 
 use crate::Summary;
-use crate::cases::Case;
+use crate::cases::{Case, in_midst};
 use nsq_gpu::Result;
 use nsq_gpu::gpu::Gpu;
-use nsq_gpu::internals::{CpuOverrides, Override};
 use nsq_gpu::program::Precision;
-use nsq_gpu::run::{Collect, ForAdapter, Shaders, StandardError, TraceOptions, Tracer};
+use nsq_gpu::run::{Collect, ForAdapter, Shaders, TraceOptions, Tracer};
 use nsq_gpu::scene::Scene;
 use std::fmt::Write;
 use std::time::Instant;
@@ -35,11 +34,8 @@ pub struct PathCost {
 /// [`nsq_gpu::Error::Device`] if the device fails.
 pub fn measure(gpu: &Gpu, case: &Case, precision: Precision, num_runs: usize) -> Result<PathCost> {
     let ir = Scene::from_json(&case.scene)?.lower()?;
-    let options =
-        TraceOptions { standard_error: StandardError::Off, ..case.options(precision) }.tuned(&gpu.info);
-    // As in the midst of a long trace.
-    let is_long = if case.num_rays >= 10_000_000 { Override::Always } else { Override::Automatic };
-    let overrides = CpuOverrides { second_device: is_long, side_traces: is_long, ..CpuOverrides::default() };
+    let options = case.options_without_errors(precision, gpu);
+    let overrides = in_midst(case.is_long());
     let with_table = TraceOptions { collect: Collect::paths(), ..options.clone() };
     let mut tracers = [
         Tracer::with(gpu, &ir, &options, ForAdapter::Nothing, Shaders::default())?,

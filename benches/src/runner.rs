@@ -1,11 +1,11 @@
 //! Runs a case: this program and its peers take turns, after a warm-up.
 
-use crate::cases::{Case, Kind};
+use crate::cases::{Case, Kind, in_midst};
 use crate::machine;
 use crate::peers::{Peer, PeerRun};
 use crate::statistics::Summary;
 use nsq_gpu::gpu::Gpu;
-use nsq_gpu::internals::{AdapterTraits, CpuOverrides, Override, REPORT};
+use nsq_gpu::internals::{AdapterTraits, REPORT};
 use nsq_gpu::model::SceneIr;
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{FluxUnit, Ledger, PathEventKind};
@@ -271,13 +271,7 @@ impl<'a> Subject<'a> {
         let (engine, ready_sec) = match case.kind {
             Kind::Trace => {
                 // The case stands for a long trace, so it is measured as if in the midst of one.
-                let is_long = case.num_rays >= LONG_TRACE && AdapterTraits::of(session.gpu).two_devices;
-                let in_midst = if is_long { Override::Always } else { Override::Automatic };
-                let overrides = CpuOverrides {
-                    second_device: in_midst,
-                    side_traces: in_midst,
-                    ..CpuOverrides::default()
-                };
+                let overrides = in_midst(case.is_long() && AdapterTraits::of(session.gpu).two_devices);
                 let options = case.options(precision).tuned(&session.gpu.info);
                 let tracer = Tracer::with(
                     session.gpu,
@@ -350,9 +344,6 @@ impl<'a> Subject<'a> {
         })
     }
 }
-
-/// Rays of a case that stands for long traces.
-const LONG_TRACE: u64 = 10_000_000;
 
 /// One run.
 struct Run {

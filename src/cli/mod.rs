@@ -82,7 +82,7 @@ enum Command {
 }
 
 /// Runs the command, and returns the exit code of its error. Must be called before other threads run, because it may
-/// close stderr to drivers for a moment ([`crate::mesa`]).
+/// set environment variables ([`crate::mesa`]).
 pub fn main() -> ExitCode {
     let start = Instant::now();
     main_of("nsq-gpu", |cli: Cli| match cli.command {

@@ -27,7 +27,6 @@ use crate::engine::limits::{DispatchLimits, WORKGROUPS_PER_PROCESSOR};
 use crate::engine::options::TraceOptions;
 use crate::engine::plan::TracePlan;
 use crate::engine::stages::{AddedStage, ExtraBindings};
-use crate::engine::undrained::empty_tally;
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::model::SceneIr;
@@ -284,10 +283,13 @@ impl Addition for Cpu {
     }
 
     fn discard(&mut self, engine: &mut Engine) -> Result<()> {
-        self.logs.as_mut().into_iter().for_each(LogBuffers::discard);
-        // What was added up before the failure goes nowhere.
-        let nothing = &mut empty_tally(engine.ir);
-        if engine.undrained.counts > 0 { self.drain(engine, nothing) } else { Ok(()) }
+        let Some(logs) = &mut self.logs else { return Ok(()) };
+        logs.discard();
+        if engine.undrained.counts > 0 {
+            // What was added up before the failure goes nowhere.
+            logs.take(&engine.plan.program.cells)?;
+        }
+        Ok(())
     }
 
     /// Those of the hot path take so little time that they are always a batch.

@@ -3,7 +3,6 @@
 
 use crate::derivatives::Derivatives;
 use crate::derivatives::jacobian::{ComposedInF64, ProgramNumbers, composed_in_f64, parameter_jacobian};
-use crate::engine::addition::Additions;
 use crate::engine::options::{Collect, TraceOptions};
 use crate::engine::pipeline_cache::Shaders;
 use crate::engine::retrace::{After, Batch, Retrace, Retracing, trace_again};
@@ -59,8 +58,8 @@ impl<'a> Walker<'a> {
     /// [`Error::NoWayBack`] if the scene has something through which there is no reverse pass.
     pub(crate) fn new(gpu: &'a Gpu, ir: &SceneIr, options: &TraceOptions, shaders: Shaders) -> Result<Self> {
         let options = TraceOptions { collect: Collect::Adjoints, ..options.clone() };
-        let filter = FollowedPaths::of(&options).map(Additions::one).unwrap_or_default();
-        let again = Retrace::new(gpu, ir, &options, filter.and(Derivatives::Adjoints), shaders)?;
+        let additions = FollowedPaths::additions(&options).and(Derivatives::Adjoints);
+        let again = Retrace::new(gpu, ir, &options, additions, shaders)?;
         let first = composed_in_f64(ir, &options, &again.plan.program, &again.additions.of_program())?;
         let layout = Layout::of(&first.parsed.module, Scalar::F64);
         if layout.num_numbers() > MOST_NUMBERS {
@@ -124,6 +123,7 @@ impl<'a> Walker<'a> {
             gpu,
             rows: &rows,
             precision: program.options.precision,
+            real_size: size,
             num_sums,
             rays_per_invocation,
             in_dispatch,
@@ -154,6 +154,7 @@ struct Walking<'a> {
     gpu: &'a Gpu,
     rows: &'a wgpu::Buffer,
     precision: Precision,
+    real_size: usize,
     num_sums: usize,
     rays_per_invocation: u64,
     in_dispatch: u64,
@@ -166,12 +167,13 @@ struct Walking<'a> {
 
 impl Retracing for Walking<'_> {
     fn after(&mut self, range: &RayRange, start: Instant) -> Result<After> {
-        let size = real_bytes(self.precision);
-        let row_bytes = self.num_sums * size;
+        let row_bytes = self.num_sums * self.real_size;
         let num_rows = u64::from(range.count).div_ceil(self.rays_per_invocation);
         let bytes = self.gpu.read(self.rows, num_rows * row_bytes as u64)?;
         for invocation in bytes.chunks_exact(row_bytes) {
-            for (sum, bytes) in self.sums[range.source].iter_mut().zip(invocation.chunks_exact(size)) {
+            for (sum, bytes) in
+                self.sums[range.source].iter_mut().zip(invocation.chunks_exact(self.real_size))
+            {
                 *sum += real_of(bytes, self.precision);
             }
         }
@@ -181,14 +183,6 @@ impl Retracing for Walking<'_> {
         self.done += u64::from(range.count);
         let next = Batch { rays: self.in_dispatch, submissions: 1 };
         Ok(if (self.keep_going)(self.done) { After::Next(next) } else { After::Stop })
-    }
-}
-
-/// Bytes of a real on a device.
-fn real_bytes(precision: Precision) -> usize {
-    match precision {
-        Precision::F32 => 4,
-        Precision::Df64 | Precision::F64 => 8,
     }
 }
 

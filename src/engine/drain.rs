@@ -26,7 +26,7 @@ fn drain_devices(engine: &mut Engine, additions: &mut Additions, tally: &mut Tal
     additions.each(|addition| addition.settle(engine))?;
     engine.check_loops(additions)?;
     for device in engine.devices(additions.devices()) {
-        // Each device has an readback of its own. Bits of reached primitives do not add up, and each device reports its
+        // Each device has a readback of its own. Bits of reached primitives do not add up, and each device reports its
         // own overflow.
         let mut readback = engine.readback(tally);
         device.drain(&mut readback)?;
@@ -51,7 +51,7 @@ pub(crate) fn discard(engine: &mut Engine, additions: &mut Additions) -> Result<
 }
 
 impl Engine<'_> {
-    /// An readback, which adds counters and sums to a tally.
+    /// A readback, which adds counters and sums to a tally.
     pub(crate) fn readback<'t>(&'t self, tally: &'t mut Tally) -> Readback<'t> {
         Readback::new(&self.plan.program.cells, self.plan.counted(), self.plan.rays.len(), tally)
     }
@@ -123,17 +123,10 @@ mod tests {
     use crate::engine::options::TraceOptions;
     use crate::engine::pipeline_cache::Shaders;
     use crate::engine::prepare::prepare;
+    use crate::engine::test_scenes::TRAP;
     use crate::engine::wavefront;
     use crate::gpu::{AdapterChoice, Gpu};
     use crate::run::StandardError;
-
-    /// Two mirrors between which a part of the light is caught.
-    const TRAP: &str = r#"{"nsq_schema_version": 1,
-        "components": [
-            {"type": "mirror", "name": "A", "cs": {"z": 10}, "config": {"radius": Infinity, "reflectance": 0.99, "aperture_radius": 5}},
-            {"type": "mirror", "name": "B", "cs": {"z": -10}, "config": {"radius": Infinity, "reflectance": 0.98, "aperture_radius": 5}}],
-        "sources": [{"type": "collimated", "name": "S", "cs": {}, "spectrum": {"wavelengths": [0.55], "weights": [1]}, "total_flux": 1, "aperture_radius": 10}],
-        "detectors": [{"type": "irradiance", "name": "D", "cs": {"z": 20}, "width": 20, "height": 20, "num_pixels_x": 8, "num_pixels_y": 8, "absorb": true}]}"#;
 
     #[test]
     fn sums_that_leave_the_device_within_a_range_are_the_same_bits() {

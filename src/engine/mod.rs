@@ -38,6 +38,8 @@ pub mod rows;
 pub mod stages;
 pub mod submit;
 pub mod sums;
+#[cfg(test)]
+mod test_scenes;
 pub mod tuning;
 pub mod undrained;
 pub mod wavefront;

@@ -82,7 +82,7 @@ impl<'a> Layout<'a> {
 }
 
 impl<'a> Readback<'a> {
-    /// An readback for a tally in the scene's shape. The tally may lack moments.
+    /// A readback for a tally in the scene's shape. The tally may lack moments.
     pub fn new(cells: &'a Cells, counted: Counted, num_sources: usize, tally: &'a mut Tally) -> Self {
         let layout = Layout::of(cells);
         for detector in &mut tally.detectors {

@@ -27,13 +27,13 @@ const PILOT_RAYS: u64 = 1 << 20;
 
 impl PathHashTable {
     /// Prepares the table for a trace that goes on from a tally.
-    pub(super) fn begin(&mut self, _engine: &Engine, tally: &mut Tally) -> Result<()> {
+    pub(super) fn begin(&mut self, tally: &mut Tally) -> Result<()> {
         let begun = tally.path_sums.get_or_insert_with(|| PathTally::new(self.most_rows));
         self.clear(begun.chosen.as_deref().filter(|_| begun.is_closed))
     }
 
     /// Asks the device whether the table is full.
-    pub(super) fn check(&mut self, _engine: &Engine) -> Result<()> {
+    pub(super) fn check(&mut self) -> Result<()> {
         if !self.is_closed {
             self.is_full = self.has_overflow()?;
         }

@@ -1,6 +1,6 @@
 //! Paths that are followed, whatever becomes of them: for a filter, or for a second trace.
 
-use crate::engine::addition::Addition;
+use crate::engine::addition::{Addition, Additions};
 use crate::engine::options::{Collect, TraceOptions};
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
@@ -16,7 +16,7 @@ use std::sync::Arc;
 /// Paths that are followed.
 #[derive(Debug, Clone, Default)]
 pub struct FollowedPaths {
-    pub(super) sums: PathSums,
+    sums: PathSums,
     filter: Option<Arc<PathFilter>>,
 }
 
@@ -36,6 +36,11 @@ impl FollowedPaths {
         };
         let filter = options.path_filter.clone();
         (sums != PathSums::None || filter.is_some()).then(|| FollowedPaths::new(sums, filter))
+    }
+
+    /// The same as the additions of a second trace; none if it follows no paths.
+    pub(crate) fn additions(options: &TraceOptions) -> Additions {
+        FollowedPaths::of(options).map(Additions::one).unwrap_or_default()
     }
 }
 

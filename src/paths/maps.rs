@@ -1,7 +1,6 @@
 //! Traces rays a second time, now that it is known which paths matter: a map for each of some rows, and where the light
 //! of each sequence lies (shaders/paths/sums.maps.wgsl).
 
-use crate::engine::addition::Additions;
 use crate::engine::device::DeviceState;
 use crate::engine::dispatch_size::{DispatchSize, PASS_TIME};
 use crate::engine::limits::{MAX_COUNTS_UNDRAINED, counts_unasked};
@@ -72,7 +71,7 @@ pub fn trace_maps(
 ) -> Result<PathMaps> {
     let WantedMaps { rays, watched, num_maps } = *wanted;
     let options = TraceOptions { collect: Collect::PathMaps(num_maps.max(1)), ..options.clone() };
-    let additions = FollowedPaths::of(&options).map(Additions::one).unwrap_or_default();
+    let additions = FollowedPaths::additions(&options);
     let again = Retrace::new(gpu, ir, &options, additions, Shaders { cache: None, edit })?;
     let plan = &again.plan;
     let table = Watch::of(gpu, plan, watched)?;

@@ -1,6 +1,5 @@
 //! Finds the sequences of paths: traces one ray of each path again, by a program that reports what happens to the ray.
 
-use crate::engine::addition::Additions;
 use crate::engine::device::DeviceState;
 use crate::engine::dispatch_size::DispatchSize;
 use crate::engine::options::{Collect, TraceOptions};
@@ -56,7 +55,7 @@ impl PathReplay {
         let ends = matches!(options.collect, Collect::Paths { ends: true, .. });
         let collect = Collect::Events { ends };
         let options = TraceOptions { collect, batch_size: Some(MOST_LISTED), ..options.clone() };
-        let additions = FollowedPaths::of(&options).map(Additions::one).unwrap_or_default();
+        let additions = FollowedPaths::additions(&options);
         let again = Retrace::new(gpu, ir, &options, additions, Shaders::default())?;
         let ids = gpu.buffer("listed rays", u64::from(again.plan.batch) * 16)?;
         let device = again.open(gpu, &ExtraBindings::of([(bindings::LISTED_IDS, ids.clone())]))?;

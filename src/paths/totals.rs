@@ -8,7 +8,6 @@ use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::model::Sequence;
 use crate::paths::followed::FollowedPaths;
-use crate::paths::sums::PathSums;
 use crate::paths::table::PathHashTable;
 use crate::program::addition::{ProgramAddition, ShaderAddition};
 use crate::program::input::ProgramInput;
@@ -22,14 +21,15 @@ use std::sync::Arc;
 /// Light that is summed up by its path, in a table on the device.
 pub struct PathTotals {
     followed: FollowedPaths,
+    most_rows: u32,
     /// The table, on the device on which it was opened.
     table: Option<PathHashTable>,
 }
 
 impl PathTotals {
-    /// The totals of paths that are followed.
-    pub fn new(followed: FollowedPaths) -> Self {
-        PathTotals { followed, table: None }
+    /// The totals of paths that are followed, in a table of at most so many rows.
+    pub fn new(followed: FollowedPaths, most_rows: u32) -> Self {
+        PathTotals { followed, most_rows, table: None }
     }
 
     /// Where some ray came to the end of each path that was found, in the scene's frame \[mm\].
@@ -55,8 +55,7 @@ impl ProgramAddition for PathTotals {
 
 impl Addition for PathTotals {
     fn open(&mut self, gpu: &Gpu, plan: &TracePlan) -> Result<ExtraBindings> {
-        let PathSums::Totals { rows, .. } = self.followed.sums else { return Ok(ExtraBindings::default()) };
-        let table = self.table.insert(PathHashTable::new(gpu, plan, rows)?);
+        let table = self.table.insert(PathHashTable::new(gpu, plan, self.most_rows)?);
         Ok(ExtraBindings::of(table.bindings()))
     }
 
@@ -64,12 +63,12 @@ impl Addition for PathTotals {
         self.table.iter_mut().for_each(|table| table.set_seed(seed));
     }
 
-    fn begin(&mut self, engine: &mut Engine, tally: &mut Tally) -> Result<()> {
-        self.table.as_mut().map_or(Ok(()), |table| table.begin(engine, tally))
+    fn begin(&mut self, _engine: &mut Engine, tally: &mut Tally) -> Result<()> {
+        self.table.as_mut().map_or(Ok(()), |table| table.begin(tally))
     }
 
-    fn after_pass(&mut self, engine: &mut Engine) -> Result<()> {
-        self.table.as_mut().map_or(Ok(()), |table| table.check(engine))
+    fn after_pass(&mut self, _engine: &mut Engine) -> Result<()> {
+        self.table.as_mut().map_or(Ok(()), PathHashTable::check)
     }
 
     fn is_full(&self) -> bool {

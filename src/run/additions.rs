@@ -89,7 +89,7 @@ fn stands_aside(asked: Kind) -> bool {
 /// The additions that options ask for.
 fn of_options(options: &TraceOptions) -> Additions {
     let paths = FollowedPaths::of(options).map(|followed| match options.collect {
-        Collect::Paths { .. } => Box::new(PathTotals::new(followed)) as Box<dyn Addition>,
+        Collect::Paths { rows, .. } => Box::new(PathTotals::new(followed, rows)) as Box<dyn Addition>,
         _ => Box::new(followed),
     });
     let derivatives = Derivatives::of(options).map(|derivatives| Box::new(derivatives) as Box<dyn Addition>);

@@ -15,7 +15,7 @@ pub struct DerivativeOptions {
     pub with_edges: bool,
 }
 
-/// DerivativeOptions of what detectors record, before they are a result.
+/// Derivatives of what detectors record, before they are a result.
 pub struct Differentiation<'d> {
     scene: &'d Differentiated,
     /// The derivatives.

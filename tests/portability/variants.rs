@@ -312,7 +312,7 @@ impl Choice {
         overrides
     }
 
-    /// Brings the feature into a variant. CpuOverrides add up in any order.
+    /// Brings the feature into a variant. Choices add up in any order.
     pub fn apply(self, variant: &mut Variant) {
         let ir = &mut variant.ir;
         match self {
