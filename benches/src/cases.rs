@@ -48,8 +48,8 @@ impl Case {
 
 /// What an adapter that is a processor does in the midst of a long trace, if the trace is one.
 pub fn in_midst(is_long: bool) -> CpuOverrides {
-    let in_midst = if is_long { Override::Always } else { Override::Automatic };
-    CpuOverrides { second_device: in_midst, side_traces: in_midst, ..CpuOverrides::default() }
+    let side_traces = if is_long { Override::Always } else { Override::Automatic };
+    CpuOverrides { side_traces, ..CpuOverrides::default() }
 }
 
 /// What is timed.
@@ -103,7 +103,7 @@ fn trace(name: &str, axis: &'static str, scene: String) -> Case {
     Case { name: name.into(), axis, scene, num_rays: 1_000_000, max_depth: MAX_DEPTH, kind: Kind::Trace }
 }
 
-/// The case with many rays. The hot path then has a stage of its own, and processors use two devices.
+/// The case with many rays. On processors the hot path then has a stage of its own.
 fn long(case: Case) -> Case {
     Case { num_rays: 10_000_000, ..case }
 }

@@ -15,12 +15,11 @@ use std::time::Instant;
 type Part = (&'static str, fn(&mut CpuOverrides));
 
 /// The parts. Without the deposit log there is no hot path, without a hot path no side trace and no pair of rays.
-const PARTS: [Part; 7] = [
+const PARTS: [Part; 6] = [
     ("log", |without| without.deferred_splats = Override::Never),
     ("hot path", |without| without.hot_path = Override::Never),
     ("side traces", |without| without.side_traces = Override::Never),
     ("two at a time", |without| without.side_by_side = Override::Never),
-    ("second device", |without| without.second_device = Override::Never),
     ("several rays", |without| without.rays_per_invocation = Some(1)),
     ("images", |without| without.texel_bytes = Some(0)),
 ];

@@ -271,7 +271,8 @@ impl<'a> Subject<'a> {
         let (engine, ready_sec) = match case.kind {
             Kind::Trace => {
                 // The case stands for a long trace, so it is measured as if in the midst of one.
-                let overrides = in_midst(case.is_long() && AdapterTraits::of(session.gpu).two_devices);
+                let overrides =
+                    in_midst(case.is_long() && AdapterTraits::of(session.gpu).processors.is_some());
                 let options = case.options(precision).tuned(&session.gpu.info);
                 let tracer = Tracer::with(
                     session.gpu,

@@ -19,9 +19,6 @@ pub struct AdapterTraits {
     /// rows: lavapipe reads a texel as a whole, and the words of a buffer lane by lane. Other processors' drivers were not
     /// tried.
     pub texel_bytes: u64,
-    /// Two devices keep the adapter busier than one: lavapipe deals a dispatch out to processors in equal parts, and waits
-    /// for the last of them before it begins the next of the same device.
-    pub two_devices: bool,
 }
 
 impl AdapterTraits {
@@ -30,13 +27,12 @@ impl AdapterTraits {
         if !gpu.info.class.emulates_lanes() {
             return AdapterTraits::default();
         }
-        let (limits, processors) = (gpu.device.limits(), processors::count() as u32);
+        let limits = gpu.device.limits();
         AdapterTraits {
-            processors: Some(processors),
+            processors: Some(processors::count() as u32),
             deferred_splats: gpu.has_shared_memory(),
             uniform_bytes: limits.max_uniform_buffer_binding_size.min(u64::from(u32::MAX)) as u32,
             texel_bytes: if gpu.info.is_vulkan() { texel_bytes(gpu, &limits) } else { 0 },
-            two_devices: gpu.info.is_vulkan() && processors > 1,
         }
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! An atomic is dear on a processor, and its memory is the host's: so rays log where they end, and the host adds up
 //! ([`mod@log`]). Most rays of many scenes take one path: so a stage of its own follows that hot path without a loop. Rays
-//! that fail one of its guards fall back on the plain stages ([`path`]). In the largest traces a second device takes turns with the first.
+//! that fail one of its guards fall back on the plain stages ([`path`]).
 
 pub mod log;
 pub mod overrides;
@@ -11,17 +11,15 @@ pub mod wgsl;
 
 pub mod adapter_traits;
 pub mod path;
-mod second_device;
 
 pub use crate::cpu::overrides::{CpuOverrides, Override};
 
 use crate::cpu::adapter_traits::AdapterTraits;
-use crate::cpu::log::buffers::{DeviceLogs, LogBuffers, Rays};
+use crate::cpu::log::buffers::{LogBuffers, Rays};
 use crate::cpu::path::{profile, side_trace};
 use crate::cpu::request::{CpuRequest, CpuShader};
 use crate::engine::Engine;
 use crate::engine::addition::Addition;
-use crate::engine::device::DeviceState;
 use crate::engine::dispatch::Route;
 use crate::engine::limits::{DispatchLimits, WORKGROUPS_PER_PROCESSOR};
 use crate::engine::options::TraceOptions;
@@ -54,14 +52,8 @@ pub(crate) struct Cpu {
     request: CpuRequest,
     /// Where rays log their ends.
     logs: Option<LogBuffers>,
-    /// The ids of rays that fall back, as a dispatch reads them; one for each device, where there is a hot path.
-    ids: Vec<wgpu::Buffer>,
-    /// What logs and ids take of a device.
-    bytes: u64,
-    /// The second device, once it is opened.
-    second: Vec<DeviceState>,
-    /// The second device was not opened yet, nor tried in vain.
-    takes_second_device: bool,
+    /// The ids of rays that fall back, as a dispatch reads them, where there is a hot path.
+    ids: Option<wgpu::Buffer>,
 }
 
 /// The stages that follow paths, by their numbers: that of the hot path, then those of side traces.
@@ -82,41 +74,13 @@ impl Cpu {
             overrides: overrides.clone(),
             request: CpuRequest::default(),
             logs: None,
-            ids: Vec::new(),
-            bytes: 0,
-            second: Vec::new(),
-            takes_second_device: true,
+            ids: None,
         })
     }
 
-    /// What the program needs of a device: logs, the ids of rays that fall back, and a stage for each path.
-    fn extra(&mut self, gpu: &Gpu, plan: &TracePlan, logs: &DeviceLogs) -> Result<ExtraBindings> {
-        let program = &plan.program;
-        let mut shared = Vec::new();
-        if CpuShader::of_program(program).hot_path.is_some() {
-            let ids = gpu.buffer("failed rays", u64::from(plan.batch) * 8)?;
-            shared.push((bindings::LISTED_IDS, ids.clone()));
-            self.ids.push(ids);
-        }
-        let logs = logs.bindings().map(|(number, log)| (number, log.clone()));
-        self.bytes = shared.iter().chain(&logs).map(|(_, buffer)| buffer.size()).sum();
-        let groups = logs.map(|log| shared.iter().cloned().chain([log]).collect()).into();
-        Ok(ExtraBindings { groups, stages: path_stages(program) })
-    }
-
-    /// The number of the device whose turn it is, and the one of its logs.
-    fn turn(&self) -> (usize, usize) {
-        self.logs.as_ref().map_or((0, 0), LogBuffers::turn)
-    }
-
-    /// One of the devices; the engine's own is none.
-    fn device(&self, number: usize) -> Option<&DeviceState> {
-        self.second.get(number.checked_sub(1)?)
-    }
-
-    /// How the device whose turn it is traces such rays.
-    fn way(&self, program: &Program, rays: &Rays) -> Route {
-        let (_, group) = self.turn();
+    /// The stages that trace such rays, and the log that they write.
+    fn route(&self, program: &Program, rays: &Rays) -> Route {
+        let group = self.logs.as_ref().map_or(0, LogBuffers::turn);
         let added = CpuShader::of_program(program);
         let side_rays = added.side_rays_per_invocation();
         match rays {
@@ -131,25 +95,23 @@ impl Cpu {
         }
     }
 
-    /// Dispatches rays to the device whose turn it is.
+    /// Dispatches rays.
     fn dispatch(&mut self, engine: &mut Engine, range: &RayRange, rays: Rays) -> Result<()> {
-        let way = self.way(&engine.plan.program, &rays);
-        let (number, _) = self.turn();
-        let device = self.device(number);
+        let route = self.route(&engine.plan.program, &rays);
         if self.traits.processors.is_some() {
             // A driver may try at a stage's first dispatch what compiling it for the numbers of one range would save. Lavapipe
             // (Mesa 22.3) takes a shader that grew for one that shrank, and then compiles it anew for every range; one that
             // begins at ray 0 makes none grow. So the first dispatch is such a one, of no workgroups.
-            engine.prime(device, way, range)?;
+            engine.prime(route, range)?;
         }
         let start = Instant::now();
         let idle_time = engine.idle_time;
-        let submitted = engine.submit_to(device, way, range)?;
-        let asks = engine.asks_for_rays(way);
+        let submitted = engine.submit_by(route, range)?;
+        let asks = engine.asks_for_rays(route);
         if asks {
             // The host adds up the logs of earlier dispatches before it waits for this one.
             self.finish_logs(engine)?;
-            engine.finish_rounds(self.device(number), way)?;
+            engine.finish_rounds(route)?;
             // Without logs the engine waits for passes, and learns from their times.
             if !submitted.is_first && self.logs.is_some() {
                 let time = start.elapsed().saturating_sub(engine.idle_time - idle_time);
@@ -158,13 +120,13 @@ impl Cpu {
         }
         if let Some(logs) = &mut self.logs {
             // Before the engine takes the times of stages: to take them waits for the dispatch, whose own time begins here.
-            let is_timed = way.added.is_none() && !submitted.is_first && !asks;
+            let is_timed = route.added.is_none() && !submitted.is_first && !asks;
             logs.submitted(*range, rays, submitted.index, is_timed)?;
             let times = logs.take_times();
             times.iter().for_each(|&(rays, time)| engine.size.note(rays, time, engine.pass_time));
             note_first_end(engine, logs);
         }
-        engine.end_dispatch(self.device(number))
+        engine.end_dispatch()
     }
 
     /// Adds up the logs that are written.
@@ -277,9 +239,13 @@ impl Addition for Cpu {
         let mut logs = LogBuffers::new(gpu, log.clone(), added.path_log.clone(), &program.cells, plan.batch)?;
         let num_expected = (!options.may_end_early).then_some(options.num_rays);
         logs.follow_sides(&added.side_traces, num_expected, self.overrides.side_traces == Override::Always);
-        let extra = self.extra(gpu, plan, &logs.devices()[0])?;
+        if added.hot_path.is_some() {
+            self.ids = Some(gpu.buffer("failed rays", u64::from(plan.batch) * 8)?);
+        }
+        let ids = self.ids.iter().map(|ids| (bindings::LISTED_IDS, ids.clone()));
+        let groups = logs.buffers().map(|log| ids.clone().chain([(bindings::LOG, log.clone())]).collect());
         self.logs = Some(logs);
-        Ok(extra)
+        Ok(ExtraBindings { groups: groups.into(), stages: path_stages(program) })
     }
 
     fn discard(&mut self, engine: &mut Engine) -> Result<()> {
@@ -317,10 +283,6 @@ impl Addition for Cpu {
         self.logs.is_some()
     }
 
-    fn look_ahead(&mut self, engine: &mut Engine, rays_left: u64, seconds_left: Option<f64>) -> Result<()> {
-        self.consider_second_device(engine, rays_left, seconds_left)
-    }
-
     fn settle(&mut self, engine: &mut Engine) -> Result<()> {
         self.finish_logs(engine)?;
         while self.follow_last_sides(engine)? {
@@ -343,15 +305,5 @@ impl Addition for Cpu {
         quanta.filter(|(_, sum)| *sum > 0).for_each(|(cell, sum)| readback.sum(cell, sum));
         readback.finish(engine.plan.reached_marks());
         Ok(())
-    }
-
-    fn devices(&self) -> &[DeviceState] {
-        &self.second
-    }
-
-    fn keep_one_device(&mut self) {
-        self.second.clear();
-        self.ids.truncate(1);
-        self.logs.as_mut().into_iter().for_each(LogBuffers::keep_first_device);
     }
 }

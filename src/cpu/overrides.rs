@@ -43,9 +43,6 @@ pub struct CpuOverrides {
     /// Rays that fail a guard of the hot path follow side traces: all of them, none, or those whose stages pay for as many rays as are
     /// to be traced or, where that is not known, have been.
     pub side_traces: Override,
-    /// Two devices on one adapter take turns where the host adds up, the second from the end of the first pass on. It pays in
-    /// traces that take long.
-    pub second_device: Override,
     /// Invocations follow two rays of the hot path at a time, where they can. It pays on processors, whose instructions would
     /// wait for each other.
     pub side_by_side: Override,

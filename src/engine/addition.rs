@@ -6,7 +6,6 @@
 //! plain loop sums.
 
 use crate::engine::Engine;
-use crate::engine::device::DeviceState;
 use crate::engine::limits::DispatchLimits;
 use crate::engine::options::TraceOptions;
 use crate::engine::plan::TracePlan;
@@ -93,23 +92,12 @@ pub(crate) trait Addition: ProgramAddition + Any {
         false
     }
 
-    /// Prepares for the rays that are left. `seconds_left` is the time they will take \[s\], if it can be estimated
-    /// yet.
-    fn look_ahead(
-        &mut self,
-        _engine: &mut Engine,
-        _rays_left: u64,
-        _seconds_left: Option<f64>,
-    ) -> Result<()> {
-        Ok(())
-    }
-
     /// Finishes the work that passes have left under way.
     fn settle(&mut self, _engine: &mut Engine) -> Result<()> {
         Ok(())
     }
 
-    /// Adds to a tally what lies outside the sums of the devices.
+    /// Adds to a tally what lies outside the sums of the device.
     fn drain(&mut self, _engine: &mut Engine, _tally: &mut Tally) -> Result<()> {
         Ok(())
     }
@@ -118,14 +106,6 @@ pub(crate) trait Addition: ProgramAddition + Any {
     fn finish(&mut self, _engine: &mut Engine, _tally: &mut Tally) -> Result<()> {
         Ok(())
     }
-
-    /// The devices that the addition has opened beside the engine's. All are drained in the same way.
-    fn devices(&self) -> &[DeviceState] {
-        &[]
-    }
-
-    /// From now on, traces on the engine's device alone.
-    fn keep_one_device(&mut self) {}
 }
 
 /// The additions of a trace, in their order; none for the plain loop.
@@ -183,15 +163,11 @@ impl Additions {
         self.0.iter().fold(plain, |limits, addition| addition.limits(program, limits))
     }
 
-    /// As [`Addition::open`]. The number is of the additions that bind anything.
-    pub(crate) fn open(&mut self, gpu: &Gpu, plan: &TracePlan) -> Result<(ExtraBindings, usize)> {
-        let mut all = (ExtraBindings::default(), 0);
-        for addition in &mut self.0 {
-            let extra = addition.open(gpu, plan)?;
-            all.1 += usize::from(!extra.is_empty());
-            all.0 = all.0.with(extra);
-        }
-        Ok(all)
+    /// As [`Addition::open`].
+    pub(crate) fn open(&mut self, gpu: &Gpu, plan: &TracePlan) -> Result<ExtraBindings> {
+        let with =
+            |all: ExtraBindings, addition: &mut Box<dyn Addition>| Ok(all.with(addition.open(gpu, plan)?));
+        self.0.iter_mut().try_fold(ExtraBindings::default(), with)
     }
 
     /// Each of them, in their order.
@@ -222,11 +198,6 @@ impl Additions {
             }
         }
         engine.submit(range)
-    }
-
-    /// As [`Addition::devices`].
-    pub(crate) fn devices(&self) -> impl Iterator<Item = &DeviceState> {
-        self.0.iter().flat_map(|addition| addition.devices())
     }
 }
 

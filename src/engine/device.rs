@@ -12,8 +12,6 @@ use std::sync::Arc;
 /// A device, with the pipelines and buffers of a program's traces.
 pub(crate) struct DeviceState {
     pub(crate) gpu: Gpu,
-    /// The memory that the program's buffers take \[bytes\].
-    pub(crate) bytes: u64,
     pub(super) stages: Arc<Stages>,
     /// The buffers for rays that outlive a dispatch, where there can be such rays.
     pub(super) rounds: Option<Rounds>,
@@ -123,7 +121,6 @@ impl DeviceState {
         gpu.check()?;
         Ok(DeviceState {
             gpu: gpu.clone(),
-            bytes: program.device_bytes() + 2 * queue_bytes,
             stages,
             rounds,
             scenes,

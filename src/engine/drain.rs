@@ -1,8 +1,7 @@
-//! How the sums of devices and additions get into a tally.
+//! How the sums of the device and of additions get into a tally.
 
 use crate::engine::Engine;
 use crate::engine::addition::Additions;
-use crate::engine::device::DeviceState;
 use crate::engine::readback::Readback;
 use crate::engine::undrained::{Undrained, empty_tally};
 use crate::error::{Error, Result};
@@ -12,7 +11,7 @@ use crate::result::Tally;
 
 /// Adds all sums since the last drain to a tally, and clears them.
 pub(crate) fn drain(engine: &mut Engine, additions: &mut Additions, tally: &mut Tally) -> Result<()> {
-    drain_devices(engine, additions, tally)?;
+    drain_device(engine, additions, tally)?;
     additions.each(|addition| addition.drain(engine, tally))?;
     let Undrained { launched, rays, .. } = std::mem::take(&mut engine.undrained);
     tally.launched += launched;
@@ -21,17 +20,11 @@ pub(crate) fn drain(engine: &mut Engine, additions: &mut Additions, tally: &mut 
     Ok(())
 }
 
-/// Adds the sums of the devices to a tally, and clears them.
-fn drain_devices(engine: &mut Engine, additions: &mut Additions, tally: &mut Tally) -> Result<()> {
+/// Adds the sums of the device to a tally, and clears them.
+fn drain_device(engine: &mut Engine, additions: &mut Additions, tally: &mut Tally) -> Result<()> {
     additions.each(|addition| addition.settle(engine))?;
-    engine.check_loops(additions)?;
-    for device in engine.devices(additions.devices()) {
-        // Each device has a readback of its own. Bits of reached primitives do not add up, and each device reports its
-        // own overflow.
-        let mut readback = engine.readback(tally);
-        device.drain(&mut readback)?;
-        readback.finish(engine.plan.reached_marks());
-    }
+    engine.check_loops()?;
+    engine.drain_sums(tally)?;
     if let Some(spilled) = engine.spilled.take() {
         *tally += &spilled;
     }
@@ -43,7 +36,7 @@ pub(crate) fn discard(engine: &mut Engine, additions: &mut Additions) -> Result<
     additions.each(|addition| addition.discard(engine))?;
     if engine.undrained.counts > 0 {
         let nothing = &mut empty_tally(engine.ir);
-        drain_devices(engine, additions, nothing)?;
+        drain_device(engine, additions, nothing)?;
         engine.undrained = Undrained::default();
         engine.rows.drain(nothing);
     }
@@ -56,45 +49,36 @@ impl Engine<'_> {
         Readback::new(&self.plan.program.cells, self.plan.counted(), self.plan.rays.len(), tally)
     }
 
-    /// Moves the sums of one device to the host within a range, before counters overflow. The device is `other`, or else
-    /// the engine's.
-    pub(super) fn spill(&mut self, other: Option<&DeviceState>) -> Result<()> {
-        let mut spilled = self.spilled.take().unwrap_or_else(|| empty_tally(self.ir));
-        let mut readback = self.readback(&mut spilled);
-        other.unwrap_or(&self.device).drain(&mut readback)?;
+    fn drain_sums(&self, tally: &mut Tally) -> Result<()> {
+        let mut readback = self.readback(tally);
+        self.device.drain(&mut readback)?;
         readback.finish(self.plan.reached_marks());
+        Ok(())
+    }
+
+    /// Moves the sums of the device to the host within a range, before counters overflow.
+    pub(super) fn spill(&mut self) -> Result<()> {
+        let mut spilled = self.spilled.take().unwrap_or_else(|| empty_tally(self.ir));
+        self.drain_sums(&mut spilled)?;
         self.spilled = Some(spilled);
         Ok(())
     }
 
-    /// Asks the devices which primitives rays have reached, unless all are known. Later rays need not report these
+    /// Asks the device which primitives rays have reached, unless all are known. Later rays need not report these
     /// again.
-    pub(crate) fn learn_reached(&mut self, additions: &Additions) -> Result<()> {
+    pub(crate) fn learn_reached(&mut self) -> Result<()> {
         let cells = &self.plan.program.cells;
-        let mut reached = self.undrained.reached;
-        if self.plan.reached_marks() != ReachedMarks::Bits
-            || reached.count_ones() as usize == self.ir.surfaces.len()
-        {
-            return Ok(());
+        let are_known = self.undrained.reached.count_ones() as usize == self.ir.surfaces.len();
+        if self.plan.reached_marks() == ReachedMarks::Bits && !are_known {
+            self.undrained.reached |= self.device.counters.read_word(self.gpu, cells.reached)?;
         }
-        for device in self.devices(additions.devices()) {
-            reached |= device.counters.read_word(&device.gpu, cells.reached)?;
-        }
-        self.undrained.reached = reached;
         Ok(())
     }
 
     /// Fails if the driver has left loops before their end (shaders/cpu/rounds.many.wgsl).
-    pub(crate) fn check_loops(&self, additions: &Additions) -> Result<()> {
+    pub(crate) fn check_loops(&self) -> Result<()> {
         let program = &self.plan.program;
-        if !program.options.has_many_rounds(&program.features) {
-            return Ok(());
-        }
-        let mut were_cut = false;
-        for device in self.devices(additions.devices()) {
-            were_cut |= device.take_cut_loops()?;
-        }
-        if !were_cut {
+        if !program.options.has_many_rounds(&program.features) || !self.device.take_cut_loops()? {
             return Ok(());
         }
         let (depth, budget) = (self.ir.sampling.split_depth, self.ir.sampling.split_budget);

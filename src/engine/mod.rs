@@ -25,7 +25,6 @@ pub mod drain;
 pub mod limits;
 pub mod moments;
 pub mod options;
-pub mod pace;
 pub mod passes;
 pub mod pipeline_cache;
 pub mod plan;
@@ -68,9 +67,9 @@ pub(crate) struct Engine<'a> {
     pub(crate) pass_time: Duration,
     /// The rays launched since the sums were drained.
     pub(crate) undrained: Undrained,
-    /// Sums that had to leave the devices within a range, before counters could overflow.
+    /// Sums that had to leave the device within a range, before counters could overflow.
     pub(crate) spilled: Option<Tally>,
-    /// The most that a counter may count before sums leave the devices within a range.
+    /// The most that a counter may count before sums leave the device within a range.
     pub(crate) most_counts: u64,
     /// Rows for the host that are not yet in a tally.
     pub(crate) rows: Rows,
@@ -87,19 +86,11 @@ pub(crate) struct Engine<'a> {
     pub(crate) idle_time: Duration,
     /// When the first rays of all had been traced; `None` until a pass was waited for.
     pub(crate) first_end: Option<Instant>,
-    /// The number of additions that have buffers on the device.
-    pub(crate) num_bound_additions: usize,
 }
 
 impl<'a> Engine<'a> {
     /// A plan on a device, before the first ray.
-    fn new(
-        gpu: &'a Gpu,
-        ir: &'a SceneIr,
-        plan: TracePlan,
-        device: DeviceState,
-        num_bound_additions: usize,
-    ) -> Self {
+    fn new(gpu: &'a Gpu, ir: &'a SceneIr, plan: TracePlan, device: DeviceState) -> Self {
         Engine {
             gpu,
             ir,
@@ -117,15 +108,6 @@ impl<'a> Engine<'a> {
             num_submissions: 0,
             idle_time: Duration::ZERO,
             first_end: None,
-            num_bound_additions,
         }
-    }
-
-    /// The engine's device, and others.
-    fn devices<'d>(
-        &'d self,
-        others: impl Iterator<Item = &'d DeviceState>,
-    ) -> impl Iterator<Item = &'d DeviceState> {
-        std::iter::once(&self.device).chain(others)
     }
 }

@@ -4,13 +4,11 @@
 //! sample of the scene. A position counts the rays of all sources, from 0 to their number.
 
 use crate::engine::budget::SourceRays;
-use crate::engine::device::DeviceState;
 use crate::engine::dispatch_size::DispatchSize;
 use crate::engine::limits::{DispatchLimits, counts_per_ray};
 use crate::engine::moments::MomentSource;
 use crate::engine::options::TraceOptions;
 use crate::engine::readback::Counted;
-use crate::engine::stages::{ExtraBindings, Stages};
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::model::SceneIr;
@@ -18,7 +16,6 @@ use crate::program::layout::numbers::lie_in_uniforms;
 use crate::program::layout::tables::ReachedMarks;
 use crate::program::{self, Precision, Program, ProgramOptions, RayRange};
 use crate::result::{FluxSum, QUANTA_PER_WEIGHT, RaySet, RaySpan, Tally};
-use std::sync::Arc;
 
 /// What is to be traced.
 pub(crate) struct TracePlan {
@@ -86,12 +83,6 @@ pub(super) fn plain(
 }
 
 impl TracePlan {
-    /// The program on a device, for which its stages are compiled.
-    pub(crate) fn open(&self, gpu: &Gpu, extra: &ExtraBindings) -> Result<DeviceState> {
-        let stages = Stages::new(gpu, &self.program, self.options.is_strict(&gpu.info), extra)?;
-        DeviceState::new(gpu, &self.program, self.batch, Arc::new(stages), extra)
-    }
-
     /// The size of dispatches, before any was timed.
     pub(crate) fn dispatch_size(&self) -> DispatchSize {
         let TracePlan { program, limits, batch, .. } = self;

@@ -23,10 +23,10 @@ pub(crate) fn prepare<'a>(
     shaders: Shaders,
 ) -> Result<Engine<'a>> {
     let plan = TracePlan::new(gpu, ir, options, additions, shaders)?;
-    let (extra, num_bound) = additions.open(gpu, &plan)?;
+    let extra = additions.open(gpu, &plan)?;
     let stages = shaders.stages(gpu, &plan.program, options.is_strict(&gpu.info), &extra)?;
     let device = DeviceState::new(gpu, &plan.program, plan.batch, stages, &extra)?;
-    Ok(Engine::new(gpu, ir, plan, device, num_bound))
+    Ok(Engine::new(gpu, ir, plan, device))
 }
 
 impl TracePlan {
@@ -61,10 +61,10 @@ impl TracePlan {
     }
 }
 
-/// Sets the seed of the draws from now on, on all devices. Nothing is compiled anew.
+/// Sets the seed of the draws from now on. Nothing is compiled anew.
 pub(crate) fn set_seed(engine: &mut Engine, additions: &mut Additions, seed: u64) {
     engine.plan.options.seed = seed;
     engine.plan.program.set_seed(seed);
-    engine.devices(additions.devices()).for_each(|device| device.set_draws(&engine.plan.program.rng_table));
+    engine.device.set_draws(&engine.plan.program.rng_table);
     additions.all_mut().for_each(|addition| addition.set_seed(seed));
 }

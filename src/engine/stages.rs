@@ -50,11 +50,6 @@ impl ExtraBindings {
             stages: [self.stages, other.stages].concat(),
         }
     }
-
-    /// True if there are none.
-    pub(crate) fn is_empty(&self) -> bool {
-        self.stages.is_empty() && self.groups.iter().all(Vec::is_empty)
-    }
 }
 
 /// A stage that follows rays from their birth.

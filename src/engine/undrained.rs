@@ -13,10 +13,10 @@ pub(crate) struct Undrained {
     pub(crate) rays: RaySet,
     /// An upper bound of every counter.
     pub(crate) counts: u64,
-    /// As many of these were spilled by the engine's device, and by the other one.
-    spilled: [u64; 2],
+    /// As many of these were spilled by the device.
+    spilled: u64,
     num_passes: u64,
-    /// The primitives that rays have reached, a bit each, as far as the devices were asked.
+    /// The primitives that rays have reached, a bit each, as far as the device was asked.
     pub(crate) reached: u32,
 }
 
@@ -29,21 +29,20 @@ impl Undrained {
         self.counts += count * counts_unasked(&plan.program);
     }
 
-    /// Adds rounds of a device in which its counters may count so much. True if the device must spill its sums first, for
+    /// Adds rounds in which counters may count so much. True if the device must spill its sums first, for
     /// counters to stay below `most`. Ranges of the present pass may not be added yet: they count at most 2^29, and 2^31 +
     /// 2^29 < 2^32.
-    pub(crate) fn go_on(&mut self, counts: u64, most: u64, is_other: bool) -> bool {
-        let spilled = &mut self.spilled[usize::from(is_other)];
-        let must_spill = self.counts - *spilled + counts > most;
+    pub(crate) fn go_on(&mut self, counts: u64, most: u64) -> bool {
+        let must_spill = self.counts - self.spilled + counts > most;
         if must_spill {
-            *spilled = self.counts;
+            self.spilled = self.counts;
         }
         self.counts += counts;
         must_spill
     }
 
-    /// Counts a pass, and says whether to ask the devices now which primitives were reached. Asking waits for a device,
-    /// which a strategy may keep busy from one pass to the next; so the answer is true ever more rarely.
+    /// Counts a pass, and says whether to ask the device now which primitives were reached. Asking waits for the device,
+    /// which an addition may keep busy from one pass to the next; so the answer is true ever more rarely.
     pub(crate) fn should_ask_after_pass(&mut self) -> bool {
         self.num_passes += 1;
         self.num_passes.is_power_of_two()

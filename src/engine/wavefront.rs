@@ -8,7 +8,6 @@
 use crate::engine::Engine;
 use crate::engine::addition::{Addition, Additions};
 use crate::engine::drain::{discard, drain};
-use crate::engine::pace::Pace;
 use crate::error::Result;
 use crate::result::{Tally, check_shape};
 use std::time::{Duration, Instant};
@@ -21,21 +20,19 @@ pub(crate) fn trace<'a>(
     begun: Tally,
     mut keep_going: impl FnMut(&mut Progress<'_, 'a>) -> Result<bool>,
 ) -> Result<Tally> {
-    // What an earlier trace, which failed, left on the devices.
+    // What an earlier trace, which failed, left on the device.
     discard(engine, additions)?;
     let mut at = engine.plan.position_after(&begun)?;
     check_shape(engine.ir, &begun)?;
     let (mut tally, num_rays) = (begun, engine.plan.num_rays);
     additions.each(|addition| addition.begin(engine, &mut tally))?;
     let mut pass_rays = u64::from(additions.range_rays(engine));
-    let mut pace = Pace::default();
     let start = Instant::now();
     while at < num_rays {
         let end = engine.end_of_pass(at, pass_rays);
         let time = trace_pass(engine, additions, at, end)?;
         // The time of a pass in which a driver compiled says nothing about other passes.
         if !std::mem::take(&mut engine.is_compiling) {
-            pace.note(end - at, time);
             pass_rays = engine.next_pass_rays(additions.range_rays(engine), end - at, time);
         }
         at = end;
@@ -48,8 +45,6 @@ pub(crate) fn trace<'a>(
         if !keep_going(&mut progress)? {
             break;
         }
-        let (left, seconds_left) = (num_rays - at, pace.seconds_for(num_rays - at));
-        additions.each(|addition| addition.look_ahead(engine, left, seconds_left))?;
     }
     drain(engine, additions, &mut tally)?;
     if at >= num_rays {
@@ -61,7 +56,7 @@ pub(crate) fn trace<'a>(
     Ok(tally)
 }
 
-/// Traces from one position to another into the devices' sums, and returns the time taken.
+/// Traces from one position to another into the device's sums, and returns the time taken.
 fn trace_pass(engine: &mut Engine, additions: &mut Additions, first: u64, end: u64) -> Result<Duration> {
     let start = Instant::now();
     engine.idle_time = Duration::ZERO;
@@ -76,8 +71,8 @@ fn trace_pass(engine: &mut Engine, additions: &mut Additions, first: u64, end: u
     }
     // Shaders need not mark primitives that are known to be reached. Drivers may cut long loops, which must not pass.
     if engine.undrained.should_ask_after_pass() {
-        engine.learn_reached(additions)?;
-        engine.check_loops(additions)?;
+        engine.learn_reached()?;
+        engine.check_loops()?;
         additions.each(|addition| addition.after_pass(engine))?;
     }
     Ok(start.elapsed())

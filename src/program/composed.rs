@@ -65,12 +65,6 @@ impl Deref for Program {
 }
 
 impl Program {
-    /// What its sums and tables take of a device \[bytes\].
-    pub fn device_bytes(&self) -> u64 {
-        let sums: u64 = self.sums.all().flat_map(|sums| sums.part_bytes()).sum();
-        sums + self.buffers.iter().map(|(_, bytes)| bytes.len() as u64).sum::<u64>()
-    }
-
     /// Composes and packs a scene for a seed, in the plain way.
     ///
     /// # Errors

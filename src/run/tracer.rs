@@ -64,12 +64,6 @@ impl<'a> Tracer<'a> {
         &self.engine.plan.program
     }
 
-    /// The number of devices that trace.
-    #[doc(hidden)]
-    pub fn num_devices(&self) -> usize {
-        1 + self.additions.devices().count()
-    }
-
     /// The number of submissions, over all traces.
     #[doc(hidden)]
     pub fn num_submissions(&self) -> u64 {
@@ -100,8 +94,7 @@ impl<'a> Tracer<'a> {
         self.engine.first_end
     }
 
-    /// Times the stages of traces from now on, on one device: the stages of two devices would wait for each other. The
-    /// sums stay the same bits. The trace becomes slower.
+    /// Times the stages of traces from now on. The sums stay the same bits. The trace becomes slower.
     ///
     /// # Errors
     /// [`crate::Error::Usage`] if the adapter has no timestamps.
@@ -109,7 +102,6 @@ impl<'a> Tracer<'a> {
         let num_rounds = num_rounds(&self.engine.plan.program).min(MOST_IN_GROUP);
         let num_stages = 2 * num_rounds as u64;
         self.engine.profile = Some(Profile::new(self.engine.gpu, num_stages)?);
-        self.additions.all_mut().for_each(|addition| addition.keep_one_device());
         Ok(())
     }
 

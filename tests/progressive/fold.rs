@@ -86,9 +86,8 @@ fn a_trace_that_is_taken_up_again_has_the_same_bits() {
     }
 }
 
-/// The second is opened after the first pass, when the host has yet to add up what the first has logged.
 #[test]
-fn two_devices_by_turns_add_up_to_one() {
+fn another_seed_snapshots_and_timed_stages_have_the_same_bits() {
     // Rays that a path rejects; several sources; rays that outlive a dispatch; a tree in an image; a scattering bulk.
     for (name, hot_path) in [
         ("bench_lens", true),
@@ -101,38 +100,29 @@ fn two_devices_by_turns_add_up_to_one() {
         for (precision, standard_error) in
             [(Precision::F32, StandardError::Off), (Precision::F64, StandardError::On)]
         {
-            let alone = TraceOptions { standard_error, precision, ..options(10_007) };
-            let alone = alone.with(|overrides| {
-                overrides.hot_path = Override::forced(hot_path);
-                overrides.second_device = Override::Never;
-            });
-            let both = alone.with(|overrides| {
-                overrides.second_device = Override::Always;
-                overrides.side_traces = Override::Always;
-            });
-            let alone_with_seed = |seed| Forced {
-                options: TraceOptions { seed, ..alone.options.clone() },
-                overrides: alone.overrides.clone(),
+            let options = TraceOptions { standard_error, precision, ..options(10_007) };
+            let options = options.with(|overrides| overrides.hot_path = Override::forced(hot_path));
+            let with_sides = options.with(|overrides| overrides.side_traces = Override::Always);
+            let with_seed = |seed| Forced {
+                options: TraceOptions { seed, ..options.options.clone() },
+                overrides: options.overrides.clone(),
             };
-            let mut tracer = both.tracer(zoo::gpu(), &ir).unwrap();
+            let mut tracer = with_sides.tracer(zoo::gpu(), &ir).unwrap();
             tracer.set_pass_time(Duration::ZERO);
-            for seed in [alone.seed, 12] {
+            for seed in [options.seed, 12] {
                 tracer.set_seed(seed);
                 let tally = tracer.go_on(tracer.empty_tally(), |progress| {
-                    // Not at first: then the host has yet to add up when the second device comes. Then after each pass.
                     if seed == 12 { progress.tally().map(|_| true) } else { Ok(true) }
                 });
-                assert_eq!(tracer.num_devices(), 2, "{name}");
-                let expected = zoo::trace(&ir, &alone_with_seed(seed));
+                let expected = zoo::trace(&ir, &with_seed(seed));
                 assert!(tally.unwrap() == expected, "{name} in {precision:?}: other bits");
             }
             tracer.enable_profile().unwrap();
-            let expected = zoo::trace(&ir, &alone_with_seed(12));
+            let expected = zoo::trace(&ir, &with_seed(12));
             assert!(
                 tracer.trace(|_| true).unwrap() == expected,
                 "{name} in {precision:?}: other bits, timed"
             );
-            assert_eq!(tracer.num_devices(), 1, "{name}");
         }
     }
 }
@@ -148,13 +138,9 @@ fn rays_of_another_trace_are_no_beginning() {
 #[test]
 fn a_failure_of_the_caller_ends_the_trace_and_leaves_nothing_behind() {
     let ir = zoo::load("nested_media");
-    for [standard_error, second_device] in [[false, true], [true, true], [true, false]] {
-        let options = TraceOptions {
-            standard_error: if standard_error { StandardError::On } else { StandardError::Off },
-            ..options(10_000)
-        };
-        let options = options.with(|overrides| overrides.second_device = Override::forced(second_device));
-        let mut tracer = options.tracer(zoo::gpu(), &ir).unwrap();
+    for standard_error in [StandardError::Off, StandardError::On] {
+        let options = TraceOptions { standard_error, ..options(10_000) };
+        let mut tracer = Tracer::new(zoo::gpu(), &ir, &options).unwrap();
         tracer.set_pass_time(Duration::ZERO);
         let mut num_passes = 0;
         let failed = tracer.go_on(tracer.empty_tally(), |_| {
@@ -162,7 +148,6 @@ fn a_failure_of_the_caller_ends_the_trace_and_leaves_nothing_behind() {
             if num_passes < 4 { Ok(true) } else { Err(Error::Tolerance("planted".into())) }
         });
         assert_eq!(failed.unwrap_err(), Error::Tolerance("planted".into()));
-        assert_eq!(tracer.num_devices(), 1 + usize::from(second_device));
         assert!(tracer.trace(|_| true).unwrap() == zoo::trace(&ir, &options));
     }
 }

@@ -8,14 +8,14 @@ use crate::cpu::path::path_log::PathLog;
 use crate::cpu::path::side_trace::SideTrace;
 use crate::error::{Error, Result};
 use crate::gpu::{Gpu, processors};
-use crate::program::layout::bindings;
 use crate::program::{Cells, RayRange};
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-/// Two logs a device, so that the host adds up one while the devices write the others.
+/// Two logs, so that the host adds up one while the device writes the other.
 #[derive(Debug)]
 pub struct LogBuffers {
+    gpu: Gpu,
     shape: DepositLog,
     /// What rays on the hot path log, if it is not entries, as of all other rays.
     path: Option<PathLog>,
@@ -26,13 +26,15 @@ pub struct LogBuffers {
     /// From an entry of a ray to its next.
     stride: u32,
     /// They take turns.
-    devices: Vec<DeviceLogs>,
-    /// The next dispatch's, in 0..[`LogBuffers::num_logs`].
+    buffers: [wgpu::Buffer; NUM_LOGS],
+    /// The next dispatch's.
     turn: usize,
     /// In the order of their turns.
     written: VecDeque<Written>,
     /// When the first dispatch of all had ended, as far as was seen.
     first_end: Option<Instant>,
+    /// When the last dispatch that was waited for had ended.
+    last_end: Option<Instant>,
     /// Rays of each dispatch that was timed, and what it took, since the last time they were asked for.
     times: Vec<(u32, Duration)>,
     fallback: FallbackQueues,
@@ -44,7 +46,7 @@ pub struct LogBuffers {
 /// So that the entries of a ray lie no power of two apart: such addresses crowd each other out of the caches.
 const OFF_POWERS_OF_TWO: u32 = 8;
 
-const LOGS_PER_DEVICE: usize = 2;
+const NUM_LOGS: usize = 2;
 
 /// More threads would wait for memory.
 const MOST_THREADS: usize = 8;
@@ -52,15 +54,6 @@ const MOST_THREADS: usize = 8;
 const MOST_CELLS: usize = 1 << 20;
 /// A thread is not worth its start for fewer entries.
 const LEAST_ENTRIES: usize = 1 << 12;
-
-/// The logs of a device.
-#[derive(Debug)]
-pub struct DeviceLogs {
-    gpu: Gpu,
-    /// When the last dispatch that was waited for had ended.
-    last_end: Option<Instant>,
-    buffers: [wgpu::Buffer; LOGS_PER_DEVICE],
-}
 
 /// The log of a submitted dispatch.
 #[derive(Debug)]
@@ -102,8 +95,11 @@ impl LogBuffers {
         rays: u32,
     ) -> Result<Self> {
         let stride = rays.next_multiple_of(8) + OFF_POWERS_OF_TWO;
+        let bytes = u64::from(stride) * shape.ray_bytes(path.as_ref());
+        let buffer = || gpu.mappable_buffer("the deposit log", bytes);
         Ok(LogBuffers {
-            devices: vec![DeviceLogs::new(gpu, stride, shape.ray_bytes(path.as_ref()))?],
+            gpu: gpu.clone(),
+            buffers: [buffer()?, buffer()?],
             sums: no_sums(num_threads(cells), cells, &shape),
             shape,
             path,
@@ -112,6 +108,7 @@ impl LogBuffers {
             turn: 0,
             written: VecDeque::new(),
             first_end: None,
+            last_end: None,
             times: Vec::new(),
             fallback: FallbackQueues::default(),
             num_followed: 0,
@@ -126,71 +123,14 @@ impl LogBuffers {
         self.fallback = FallbackQueues::new(side_traces, num_expected, always);
     }
 
-    /// The logs of each device.
-    pub fn devices(&self) -> &[DeviceLogs] {
-        &self.devices
+    /// The logs.
+    pub fn buffers(&self) -> [&wgpu::Buffer; NUM_LOGS] {
+        self.buffers.each_ref()
     }
 
-    /// Logs of another device.
-    ///
-    /// # Errors
-    /// [`Error::Device`] if it cannot bind so much.
-    pub fn logs_on(&self, gpu: &Gpu) -> Result<DeviceLogs> {
-        DeviceLogs::new(gpu, self.stride, self.shape.ray_bytes(self.path.as_ref()))
-    }
-
-    /// Lets another device take turns with those before it, when all that these have logged is added up.
-    ///
-    /// # Errors
-    /// [`Error::Device`] if one of these fails.
-    pub fn add_device(&mut self, logs: DeviceLogs) -> Result<()> {
-        self.finish()?;
-        self.devices.push(logs);
-        self.turn = 0;
-        Ok(())
-    }
-
-    /// Keeps the first device only, between traces.
-    pub fn keep_first_device(&mut self) {
-        self.discard();
-        self.devices.truncate(1);
-        self.fallback.keep_first_device();
-        self.turn = 0;
-    }
-
-    /// Lets a device have the next turn.
-    ///
-    /// # Errors
-    /// [`Error::Device`] if one of them fails.
-    pub fn pass_turn_to(&mut self, device: usize) -> Result<()> {
-        while self.turn().0 != device {
-            self.next_turn()?;
-        }
-        Ok(())
-    }
-
-    /// Goes on to the next log, and adds up what is written there.
-    fn next_turn(&mut self) -> Result<()> {
-        self.turn = (self.turn + 1) % self.num_logs();
-        while self.written.iter().any(|written| written.turn == self.turn) {
-            self.add_up_next()?;
-        }
-        Ok(())
-    }
-
-    /// The device of the next dispatch, and the one of its logs that this writes.
-    pub fn turn(&self) -> (usize, usize) {
-        place_of(self.turn, self.devices.len())
-    }
-
-    fn num_logs(&self) -> usize {
-        LOGS_PER_DEVICE * self.devices.len()
-    }
-
-    /// The log of a turn.
-    fn log(&self, turn: usize) -> &wgpu::Buffer {
-        let (device, log) = place_of(turn, self.devices.len());
-        &self.devices[device].buffers[log]
+    /// The number of the log that the next dispatch writes.
+    pub fn turn(&self) -> usize {
+        self.turn
     }
 
     /// From an entry of a ray to its next.
@@ -198,7 +138,7 @@ impl LogBuffers {
         self.stride
     }
 
-    /// Takes note of a dispatch, which may be timed, and adds up the log whose turn is next, if it is written.
+    /// Takes note of a dispatch, which may be timed. Goes on to the next log, and adds up what is written there.
     ///
     /// # Errors
     /// [`Error::Device`] if the device fails.
@@ -209,10 +149,14 @@ impl LogBuffers {
         submission: wgpu::SubmissionIndex,
         is_timed: bool,
     ) -> Result<()> {
-        self.log(self.turn).map_async(wgpu::MapMode::Read, .., |_| {});
+        self.buffers[self.turn].map_async(wgpu::MapMode::Read, .., |_| {});
         let start = is_timed.then(Instant::now);
         self.written.push_back(Written { turn: self.turn, range, rays, submission, start });
-        self.next_turn()
+        self.turn = (self.turn + 1) % NUM_LOGS;
+        while self.written.iter().any(|written| written.turn == self.turn) {
+            self.add_up_next()?;
+        }
+        Ok(())
     }
 
     /// When the first dispatch of all had ended.
@@ -228,7 +172,7 @@ impl LogBuffers {
     /// Begins a trace: forgets what is not added up, and the rays that wait for their fallback.
     pub fn discard(&mut self) {
         for written in std::mem::take(&mut self.written) {
-            self.log(written.turn).unmap();
+            self.buffers[written.turn].unmap();
         }
         self.times.clear();
         self.fallback.discard();
@@ -279,15 +223,13 @@ impl LogBuffers {
     /// Adds up the first of those that are written.
     fn add_up_next(&mut self) -> Result<()> {
         let Some(written) = self.written.pop_front() else { return Ok(()) };
-        let (device, log) = place_of(written.turn, self.devices.len());
-        let DeviceLogs { gpu, buffers, last_end } = &mut self.devices[device];
-        let log = &buffers[log];
-        gpu.wait_for(written.submission.clone())?;
+        let log = &self.buffers[written.turn];
+        self.gpu.wait_for(written.submission.clone())?;
         let end = Instant::now();
         // It began when it was submitted, or when the one before had ended.
-        let start = written.start.map(|start| last_end.map_or(start, |last| last.max(start)));
+        let start = written.start.map(|start| self.last_end.map_or(start, |last| last.max(start)));
         self.times.extend(start.map(|start| (written.range.count, end.saturating_duration_since(start))));
-        *last_end = Some(end);
+        self.last_end = Some(end);
         self.first_end.get_or_insert(end);
         let failures = {
             let bytes = log.get_mapped_range(..);
@@ -328,23 +270,6 @@ impl LogBuffers {
             Rays::Fallback => Ok(()),
         }
     }
-}
-
-impl DeviceLogs {
-    fn new(gpu: &Gpu, stride: u32, ray_bytes: u64) -> Result<Self> {
-        let log = || gpu.mappable_buffer("the deposit log", u64::from(stride) * ray_bytes);
-        Ok(DeviceLogs { gpu: gpu.clone(), last_end: None, buffers: [log()?, log()?] })
-    }
-
-    /// The buffers, by binding.
-    pub fn bindings(&self) -> [(u32, &wgpu::Buffer); LOGS_PER_DEVICE] {
-        self.buffers.each_ref().map(|buffer| (bindings::LOG, buffer))
-    }
-}
-
-/// The device whose turn it is, of so many, and the one of its logs: devices alternate, each with its logs in order.
-fn place_of(turn: usize, num_devices: usize) -> (usize, usize) {
-    (turn % num_devices, turn / num_devices)
 }
 
 /// Threads that add up. Lavapipe deals a dispatch out to all processors in equal parts and waits for each: a lone thread
@@ -412,16 +337,6 @@ mod tests {
     fn scene() -> SceneIr {
         let text = include_str!("../../../scenes/cooke_triplet.json");
         crate::Scene::from_json(text).unwrap().lower().unwrap()
-    }
-
-    #[test]
-    fn devices_take_turns() {
-        let places = |num_devices| {
-            let turns = 0..LOGS_PER_DEVICE * num_devices;
-            turns.map(|turn| place_of(turn, num_devices)).collect::<Vec<_>>()
-        };
-        assert_eq!(places(1), [(0, 0), (0, 1)]);
-        assert_eq!(places(2), [(0, 0), (1, 0), (0, 1), (1, 1)]);
     }
 
     /// What so many threads make of a log, whose rays end in one cell after the other, pass first, or failed a guard.

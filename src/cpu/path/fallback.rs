@@ -34,8 +34,6 @@ struct Side {
     /// Of all rays, by the profile.
     share: f64,
     is_always_followed: bool,
-    /// The device that compiles its stage and follows it alone; none as long as no ray has.
-    device: Option<usize>,
     /// Rays of this trace that were to keep to it, and those of them that failed a guard.
     followed_and_failed: [u64; 2],
 }
@@ -66,7 +64,6 @@ impl FallbackQueues {
             fails_at: side.fails_at,
             share: side.share,
             is_always_followed: are_always_followed,
-            device: None,
             followed_and_failed: [0, 0],
         });
         FallbackQueues { sides: sides.collect(), num_expected, num_followed: 0, waiting: Vec::new() }
@@ -152,29 +149,13 @@ impl FallbackQueues {
         taken
     }
 
-    /// Of the side traces that a device follows, or none yet, the one that most rays of a source wait for, if so many wait
-    /// for any, and at most so many of these. From then on the device follows it.
-    pub fn take_of_side(
-        &mut self,
-        source: usize,
-        device: usize,
-        at_least: usize,
-        most: usize,
-    ) -> Option<(usize, Vec<u64>)> {
+    /// The side trace that most rays of a source wait for, if so many wait for any, and at most so many of these.
+    pub fn take_of_side(&mut self, source: usize, at_least: usize, most: usize) -> Option<(usize, Vec<u64>)> {
         let by_side = &mut self.waiting.get_mut(source)?.by_side;
-        let follows = |side: &Side| side.device.is_none_or(|follower| follower == device);
-        let lists = by_side.iter_mut().zip(&mut self.sides).enumerate();
-        let own: Vec<_> = lists.filter(|(_, (_, side))| follows(side)).collect();
-        let num: usize = own.iter().map(|(_, (ids, _))| ids.len()).sum();
-        let most_waiting = own.into_iter().max_by_key(|(_, (ids, _))| ids.len());
-        let (number, (ids, side)) = most_waiting.filter(|_| num >= at_least.max(1))?;
-        side.device = Some(device);
+        let num: usize = by_side.iter().map(Vec::len).sum();
+        let most_waiting = by_side.iter_mut().enumerate().max_by_key(|(_, ids)| ids.len());
+        let (number, ids) = most_waiting.filter(|_| num >= at_least.max(1))?;
         Some((number, ids.drain(ids.len().saturating_sub(most)..).collect()))
-    }
-
-    /// Lets the first device alone follow side traces, or none as long as it has not.
-    pub fn keep_first_device(&mut self) {
-        self.sides.iter_mut().for_each(|side| side.device = side.device.filter(|device| *device == 0));
     }
 
     /// Of each side trace, how many rays of this trace were to keep to it, and how many of them failed a guard.
@@ -226,20 +207,20 @@ mod tests {
         let mut failures = FallbackQueues::new(&[side_trace(3, 2), side_trace(1, 1)], None, false);
         let almost = RayRange { count: STAGE_PAYS as u32 - 1, ..RANGE };
         failures.add(&[failed_rays(0..3, 1), failed_rays(0..7, 3)].concat(), &almost);
-        assert_eq!((failures.num(0), failures.take_of_side(0, 0, 1, 9)), (10, None));
+        assert_eq!((failures.num(0), failures.take_of_side(0, 1, 9)), (10, None));
         // In all traces together.
         failures.discard();
         assert_eq!(failures.num(0), 0);
         let one = RayRange { count: 1, ..RANGE };
         failures.add(&[failed_rays(4..9, 1), failed_rays(0..5, 0), failed_rays(9..11, 3)].concat(), &one);
         assert_eq!(failures.num(0), 7);
-        assert_eq!(failures.take_of_side(0, 0, 6, 9), None, "too few wait");
-        assert_eq!(failures.take_of_side(0, 0, 5, 3), Some((1, vec![6, 7, 8])));
+        assert_eq!(failures.take_of_side(0, 6, 9), None, "too few wait");
+        assert_eq!(failures.take_of_side(0, 5, 3), Some((1, vec![6, 7, 8])));
         failures.add(&failed_rays(0..3, 3), &RANGE);
         // For either of them.
-        assert_eq!(failures.take_of_side(0, 0, 5, 9), Some((0, vec![0, 1, 2])));
-        assert_eq!(failures.take_of_side(0, 0, 1, 3), Some((1, vec![4, 5])));
-        assert_eq!(failures.take_of_side(0, 0, 0, 3), None);
+        assert_eq!(failures.take_of_side(0, 5, 9), Some((0, vec![0, 1, 2])));
+        assert_eq!(failures.take_of_side(0, 1, 3), Some((1, vec![4, 5])));
+        assert_eq!(failures.take_of_side(0, 0, 3), None);
     }
 
     #[test]
@@ -248,26 +229,9 @@ mod tests {
         {
             let mut failures = FallbackQueues::new(&[side_trace(1, 2)], Some(num_expected), false);
             failures.add(&failed_rays(0..3, 1), &RayRange { count: 3, ..RANGE });
-            assert_eq!(failures.take_of_side(0, 0, 1, 9).is_some(), are_enough, "{num_expected}");
+            assert_eq!(failures.take_of_side(0, 1, 9).is_some(), are_enough, "{num_expected}");
             assert_eq!(failures.num(0), if are_enough { 0 } else { 3 });
         }
-    }
-
-    #[test]
-    fn one_device_follows_a_side_trace() {
-        let mut failures = FallbackQueues::new(&[side_trace(1, 1), side_trace(2, 1)], None, true);
-        failures.add(&[failed_rays(0..5, 1), failed_rays(0..9, 2)].concat(), &RANGE);
-        assert_eq!(failures.take_of_side(0, 1, 14, 4).map(|(side, _)| side), Some(1));
-        // The others of that one do not count for the first device.
-        assert_eq!(failures.take_of_side(0, 0, 6, 9), None);
-        assert_eq!(failures.take_of_side(0, 0, 5, 9).map(|(side, _)| side), Some(0));
-        assert_eq!(failures.take_of_side(0, 0, 1, 9), None);
-        assert_eq!(failures.take_of_side(0, 1, 1, 2).map(|(side, _)| side), Some(1));
-        failures.keep_first_device();
-        failures.add(&failed_rays(0..9, 1), &RANGE);
-        assert_eq!(failures.take_of_side(0, 0, 1, 2).map(|(side, _)| side), Some(0));
-        assert_eq!(failures.take_of_side(0, 1, 1, 9).map(|(side, _)| side), Some(1));
-        assert_eq!(failures.take_of_side(0, 1, 1, 9), None, "the first device keeps its own");
     }
 
     #[test]
@@ -275,10 +239,10 @@ mod tests {
         let mut failures =
             FallbackQueues::new(&[side_trace(1, 1), side_trace(2, 1), side_trace(1, 1)], None, true);
         failures.add(&failed_rays(10..20, 1), &RANGE);
-        let (side, ids) = failures.take_of_side(0, 0, 1, 9).unwrap();
+        let (side, ids) = failures.take_of_side(0, 1, 9).unwrap();
         assert_eq!((side, ids[0]), (0, 11));
         failures.add_of_side(0, &failed_rays(1..4, 2), &ids, 0).unwrap();
-        let (side, ids) = failures.take_of_side(0, 0, 1, 9).unwrap();
+        let (side, ids) = failures.take_of_side(0, 1, 9).unwrap();
         assert_eq!((side, &ids[..]), (2, &[12, 13, 14][..]));
         failures.add_of_side(2, &failed_rays(1..2, 0), &ids, 0).unwrap();
         assert_eq!(failures.take(0, 9), [13]);
@@ -295,9 +259,9 @@ mod tests {
             failures.give_up_few();
             let num_given_up = if is_always_followed { 0 } else { LEAST_ALONE - 1 };
             assert_eq!(failures.num(0), num_given_up);
-            let taken = failures.take_of_side(0, 0, 1, 2 * LEAST_ALONE);
+            let taken = failures.take_of_side(0, 1, 2 * LEAST_ALONE);
             assert_eq!(taken.map(|(side, ids)| (side, ids.len())), Some((1, LEAST_ALONE)));
-            let taken = failures.take_of_side(0, 0, 1, 2 * LEAST_ALONE);
+            let taken = failures.take_of_side(0, 1, 2 * LEAST_ALONE);
             assert_eq!(taken.is_some(), is_always_followed);
         }
     }
@@ -309,7 +273,7 @@ mod tests {
             let mut failures = FallbackQueues::new(&[side_trace(1, 1)], None, is_always_followed);
             let ids: Vec<u64> = (0..u64::from(NUM)).map(|ray| 2 * ray).collect();
             failures.add(&failed_rays(0..NUM, 1), &RANGE);
-            let taken = failures.take_of_side(0, 0, 1, NUM as usize);
+            let taken = failures.take_of_side(0, 1, NUM as usize);
             assert_eq!(taken.map(|(side, ids)| (side, ids.len())), Some((0, NUM as usize)));
             failures.add_of_side(0, &failed_rays(5..NUM, 2), &ids, 0).unwrap();
             let num_failed = NUM as usize - 5;
@@ -317,7 +281,7 @@ mod tests {
             assert_eq!(failures.num(0), num_failed);
             assert_eq!(failures.take(0, 2), ids[ids.len() - 2..], "by the ids of those that followed it");
             failures.add(&failed_rays(0..9, 1), &RANGE);
-            assert_eq!(failures.take_of_side(0, 0, 1, 9).is_some(), is_always_followed);
+            assert_eq!(failures.take_of_side(0, 1, 9).is_some(), is_always_followed);
             assert!(
                 failures.add_of_side(0, &failed_rays(3..4, 2), &ids[..3], 0).is_none(),
                 "beyond the dispatch"

@@ -19,8 +19,8 @@ impl Cpu {
             || self.logs.as_ref().is_none_or(pays)
     }
 
-    /// Traces rays of a source that failed a guard of the hot path along those side traces that the device follows whose turn it
-    /// is, while so many wait for these; false if there were fewer.
+    /// Traces rays of a source that failed a guard of the hot path along side traces, while so many wait for these; false if
+    /// there were fewer.
     pub(in crate::cpu) fn follow_sides(
         &mut self,
         engine: &mut Engine,
@@ -30,8 +30,7 @@ impl Cpu {
         let most = engine.plan.batch as usize;
         let mut were_enough = false;
         while let Some(logs) = &mut self.logs
-            && let (device, _) = logs.turn()
-            && let Some((side, ids)) = logs.fallback().take_of_side(source, device, at_least, most)
+            && let Some((side, ids)) = logs.fallback().take_of_side(source, at_least, most)
         {
             were_enough = true;
             let range = self.listed(engine, source, &ids);
@@ -44,17 +43,13 @@ impl Cpu {
     pub(in crate::cpu) fn follow_last_sides(&mut self, engine: &mut Engine) -> Result<bool> {
         self.logs.as_mut().into_iter().for_each(|logs| logs.fallback().give_up_few());
         let mut were_any = false;
-        for device in 0..1 + self.second.len() {
-            for source in 0..engine.plan.rays.len() {
-                self.logs.as_mut().map_or(Ok(()), |logs| logs.pass_turn_to(device))?;
-                were_any |= self.follow_sides(engine, source, 1)?;
-            }
+        for source in 0..engine.plan.rays.len() {
+            were_any |= self.follow_sides(engine, source, 1)?;
         }
         Ok(were_any)
     }
 
-    /// Traces the rays of a source that failed a guard of the hot path and that follow no other, while so many wait. As long as
-    /// these are few, the first device does: so it alone compiles the stage.
+    /// Traces the rays of a source that failed a guard of the hot path and that follow no other, while so many wait.
     pub(in crate::cpu) fn trace_fallback(
         &mut self,
         engine: &mut Engine,
@@ -64,10 +59,6 @@ impl Cpu {
         while let Some(logs) = &mut self.logs
             && logs.fallback().num(source) >= at_least as usize
         {
-            if self.path_pays(&engine.plan.program) {
-                self.logs.as_mut().map_or(Ok(()), |logs| logs.pass_turn_to(0))?;
-            }
-            let Some(logs) = &mut self.logs else { break };
             let ids = logs.fallback().take(source, engine.size.rays() as usize);
             let range = self.listed(engine, source, &ids);
             self.dispatch(engine, &range, Rays::Fallback)?;
@@ -75,12 +66,10 @@ impl Cpu {
         Ok(())
     }
 
-    /// A range of rays with these ids, of which the device is told whose turn it is.
+    /// A range of rays with these ids, which the device gets.
     fn listed(&self, engine: &Engine, source: usize, ids: &[u64]) -> RayRange {
-        let (number, _) = self.turn();
-        let gpu = self.device(number).map_or(engine.gpu, |device| &device.gpu);
-        if let Some(buffer) = self.ids.get(number) {
-            gpu.queue.write_buffer(buffer, 0, bytemuck::cast_slice(ids));
+        if let Some(buffer) = &self.ids {
+            engine.gpu.queue.write_buffer(buffer, 0, bytemuck::cast_slice(ids));
         }
         let log_stride = self.logs.as_ref().map_or(0, LogBuffers::stride);
         let reached = engine.undrained.reached;
