@@ -34,30 +34,22 @@ def test_the_tables_of_speeds_are_those_of_the_benchmarks() -> None:
         assert page.read_text() == text, page
 
 
-def test_the_readme_has_the_newest_of_each_case() -> None:
-    def case(name: str, rate: float) -> dict:
-        return {"name": name, "kind": "trace", "num_rays": 1000, "peers": [],
-                "measurements": [{"precision": "f64", "rays_per_sec": {"median": rate}, "ratios": {}}]}
+def test_a_table_is_of_one_run_and_has_few_rows() -> None:
+    reports = make_speed_table.read_reports()
+    for of_gpu in (False, True):
+        _, report = make_speed_table.newest(reports, of_gpu=of_gpu)
+        rows = make_speed_table.table(report).splitlines()[2:]
+        assert 5 <= len(rows) <= 10
 
-    reports = {"newer": {"cases": [case("b", 3e6)]}, "older": {"cases": [case("a", 1e6), case("b", 2e6)]}}
-    assert make_speed_table.summary(reports).splitlines()[2:] == [
-        "| `a` | 1e3 |  | 1 | [older](benches/results/older/bench.csv) |",
-        "| `b` | 1e3 |  | 3 | [newer](benches/results/newer/bench.csv) |",
+
+def test_a_row_has_rates_of_traces_times_of_commands_and_ratios() -> None:
+    def case(name: str, kind: str, rate: float, ratios: dict[str, float]) -> dict:
+        return {"name": name, "kind": kind, "num_rays": 1_000_000,
+                "measurements": [{"precision": "f64", "rays_per_sec": {"median": rate}, "ratios": ratios}]}
+
+    cases = [case("rays_1e7", "trace", 1.23456e8, {"drjit": 0.9}), case("cooke_triplet", "command", 2e6, {"optiland": 50.26})]
+    report = {"cases": [*cases, case("not_a_row", "trace", 1e6, {})], "peers": {"drjit": {}, "optiland": {}}}
+    assert make_speed_table.table(report).splitlines()[2:] == [
+        "| one lens, a long trace | `rays_1e7` | 1e6 |  | 123 M rays/s |  |  / 0.900 |",
+        "| a Cooke triplet, the whole command | `cooke_triplet` | 1e6 |  | 0.500 s |  / 50.3 |  |",
     ]
-
-
-def test_a_bar_is_held_against_the_newest_report_that_has_it() -> None:
-    def report(ratios: dict[str, tuple[float, float]]) -> dict:
-        measurements = [
-            {"precision": precision, "rays_per_sec": {"median": 1e6}, "ratios": {peer: pair[i] for peer, pair in ratios.items()}}
-            for i, precision in enumerate(["f32", "f64"])
-        ]
-        return {"cases": [{"name": "a", "kind": "command", "num_rays": 500_000, "measurements": measurements}]}
-
-    reports = {"newest": report({}), "newer": report({"x": (2, 0.5)}), "older": report({"x": (3, 3)})}
-    bar = make_speed_table.Bar("a over x", (2, 2), make_speed_table.over("x", "a"))
-    assert bar.line(reports) == "| a over x | 2 / 2 | 2 / 0.5 | in f32 | [newer](results/newer/bench.csv) |"
-    time = make_speed_table.Bar("a", (0.4, 0.6), make_speed_table.time_of("a"), " s", less_is_better=True)
-    assert time.line(reports) == "| a | 0.4 / 0.6 s | 0.5 / 0.5 s | in f64 | [newest](results/newest/bench.csv) |"
-    unknown = make_speed_table.Bar("b", (1, 1), make_speed_table.time_of("b"))
-    assert unknown.line(reports) == "| b | 1 / 1 | not measured |  |  |"
