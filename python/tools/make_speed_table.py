@@ -75,12 +75,8 @@ def heading(report: dict) -> str:
     """What was measured on, when, and beside whom."""
     machine, adapter = report["machine"], report["adapter"]
     parts = [f"{machine['processor']}, {machine['num_cores']} cores", adapter["driver"], report["date"][:10]]
-    parts += [f"{name} {_versions(versions)}" for name, versions in report["peers"].items()]
+    parts += [f"{name} {versions[name]}" for name, versions in report["peers"].items()]
     return "; ".join([*parts, f"medians of {report['num_runs']} runs"])
-
-
-def _versions(versions: dict) -> str:
-    return ", ".join(dict.fromkeys(versions.values()))
 
 
 def section(folder: str, report: dict, results: str) -> str:
