@@ -19,6 +19,9 @@ their numbers alone, share a compiled shader there, so that a trace takes millis
 your own, with sweeps: ``session.sweep(scene, {"L1.r1": [50, 55, 60]}, 100_000)``. ``nsq_gpu.use()`` makes the backend the
 default of ``scene.trace``, and ``nsq_gpu.cluster`` spreads a trace over a Dask cluster.
 
+The result is a :class:`Result`: a table where a shell or a notebook shows it, ``result.plot(scale="log")``,
+``result.save("run_1")`` and ``load("run_1")``, ``to_xarray()`` and ``to_pandas()``.
+
 Each detector's result also has ``standard_error``, an array of the shape and in the unit of its map (None for a ray
 database), and ``total_flux_standard_error`` [W]; both are None where they were not asked for by
 ``NsqGpuBackend(standard_error=True)`` and would have cost something, unless hits say nothing of the error. Only the
@@ -27,13 +30,14 @@ results of ``scene.trace`` have them, not those of a live detector's ``get_resul
 ``NsqGpuBackend(seed, precision, adapter, binary, timeout, progress, target_error, time_limit, standard_error, sampler,
 max_depth, paths, where)``: ``precision="auto"`` takes f64 where the adapter is good at it, else f32 or, where that is
 too coarse and f64 is missing, ``"df64"``, pairs of f32; ``sampler="sobol"`` draws Sobol points, with which errors fall
-faster, instead of Optiland's random numbers; ``progress=True`` shows a bar; ``target_error=0.01`` stops when every
-detector's relative error is at most 1 % (that of its flux, and that of its map: the sum of the pixels' standard errors
-over the sum of their values), and ``time_limit`` after so many seconds, with ``num_rays`` as the cap; where the target
-is not met, ToleranceWarning is given; ``max_depth=64`` takes the place of the 16 events that ``scene.trace`` passes;
-``paths=True`` sums up light by its path, in ``result.paths``, and ``where="reflections == 2"`` keeps the light of some
-paths; ``timeout`` is in seconds. Ctrl-C raises ``Interrupted``, whose ``partial`` is what was computed. After a trace
-``backend.report`` holds what Optiland's result has no field for, such as the exact ledger.
+faster, instead of Optiland's random numbers; ``progress=True`` shows a bar at once, and None one of a trace that
+lasts; ``target_error=0.01`` stops when every detector's relative error is at most 1 % (that of its flux, and that of
+its map: the sum of the pixels' standard errors over the sum of their values), and ``time_limit`` after so many
+seconds, with ``num_rays`` as the cap; where the target is not met, ToleranceWarning is given; ``max_depth=64`` takes
+the place of the 16 events that ``scene.trace`` passes; ``paths=True`` sums up light by its path, in ``result.paths``,
+and ``where="reflections == 2"`` keeps the light of some paths; ``timeout`` is in seconds. Ctrl-C raises
+``Interrupted``, whose ``partial`` is what was computed. After a trace ``backend.report`` holds what Optiland's result
+has no field for, such as the exact ledger.
 
 ResultWarning is given where numbers are not what was asked for: light that the depth limit cut off, with the number to
 give, detectors without light, sources without a ray, maps that are mostly noise. ``result.report()`` is Optiland's, but
@@ -62,6 +66,7 @@ from nsq_gpu.binary import find_binary
 from nsq_gpu.convert import from_file, from_optic
 from nsq_gpu.default import use
 from nsq_gpu.difference import Difference, diff
+from nsq_gpu.display import register as _register
 from nsq_gpu.errors import (
     AdapterError,
     BinaryNotFoundError,
@@ -82,8 +87,12 @@ from nsq_gpu.export import export_scene
 from nsq_gpu.gradients import Jacobian, jacobian, loss_gradient
 from nsq_gpu.loading import load_scene
 from nsq_gpu.paths import PathTable
+from nsq_gpu.results import Result
 from nsq_gpu.session import Session
+from nsq_gpu.storing import load
 from nsq_gpu.sweeps import Sweep
+
+_register()
 
 __all__ = [
     "AdapterError",
@@ -97,6 +106,7 @@ __all__ = [
     "NsqGpuError",
     "NsqGpuWarning",
     "PathTable",
+    "Result",
     "ResultWarning",
     "SceneError",
     "Session",
@@ -112,6 +122,7 @@ __all__ = [
     "from_file",
     "from_optic",
     "jacobian",
+    "load",
     "load_scene",
     "loss_gradient",
     "use",

@@ -13,7 +13,6 @@ import optiland.backend as be
 from optiland.nonsequential import NSQScene
 from optiland.nonsequential._utils import DEFAULT_BATCH_SIZE
 from optiland.nonsequential.backends.base import TracerBackend
-from optiland.nonsequential.tracer import SimulationResult
 
 from nsq_gpu.arguments import PRECISIONS, SAMPLERS, of_an_instance, wrong_kind
 from nsq_gpu.binary import find_binary
@@ -33,8 +32,9 @@ from nsq_gpu.export import ExportedScene, export, export_wanted, to_json
 from nsq_gpu.export.values import all_want_gradients, whole_number
 from nsq_gpu.gradients import warn_of_lost
 from nsq_gpu.integrity import read_report
-from nsq_gpu.process import ProgressCallback, Shown, Update, run
-from nsq_gpu.results import check_paths, fill_scene, in_folder, warn_of
+from nsq_gpu.process import run
+from nsq_gpu.progress import Progress, Shown
+from nsq_gpu.results import Result, check_paths, fill_scene, in_folder, warn_of
 from nsq_gpu.session import EXPORTED, Answer, Session, shared_session
 
 #: Most rays of a trace in the process's session; a longer one has a process of its own, which writes its rows to disk.
@@ -54,8 +54,8 @@ class NsqGpuBackend(TracerBackend):
         adapter: A part of the adapter's name; see ``nsq-gpu adapters``.
         binary: Path of the program; see :func:`nsq_gpu.find_binary` for where it is looked for otherwise.
         timeout: Longest time of a trace [s]; then it is ended and TraceTimeoutError raised.
-        progress: True shows a bar on stderr; a function is called with the rays done, the rays in all, and the rays
-            per second.
+        progress: True shows a bar, False none. None shows one after two seconds where tqdm is installed, in a terminal or a
+            notebook. A function is called with the rays done, the rays in all, and the rays per second.
         target_error: Stop when every detector's relative error is at most this, 0.01 or "1%". Two errors count. One
             is that of the flux. The other is that of the map: the sum of the pixels' standard errors over the sum of
             their values. The rays given to ``trace`` are then the most. ToleranceWarning says where it was not met.
@@ -88,7 +88,7 @@ class NsqGpuBackend(TracerBackend):
 
     def __init__(self, seed: int | None = None, precision: str = "auto", adapter: str | None = None,
                  binary: str | os.PathLike[str] | None = None, timeout: float | None = None,
-                 progress: bool | ProgressCallback = False, target_error: float | str | None = None,
+                 progress: Progress = None, target_error: float | str | None = None,
                  time_limit: float | None = None, standard_error: bool | None = None,
                  sampler: str = "pcg", max_depth: int | None = None, paths: bool = False,
                  where: str | None = None, gradient: str | None = "interior", backward_seed: int | None = None,
@@ -132,7 +132,7 @@ class NsqGpuBackend(TracerBackend):
     @of_an_instance
     def trace(self, scene: NSQScene, num_rays: int, max_depth: int = 16, min_flux_fraction: float = 1e-6,
               batch_size: int = DEFAULT_BATCH_SIZE, seed: int | None = None,
-              record_paths: bool | int = False) -> SimulationResult:
+              record_paths: bool | int = False) -> Result:
         """Trace a scene.
 
         Args:
@@ -159,18 +159,20 @@ class NsqGpuBackend(TracerBackend):
         carries_graph = bool(exported.wanted) and _go_with_gradients(options)
         if carries_graph or options["num_rays"] <= MOST_SESSION_RAYS:
             return self._trace_in_session(binary, scene, exported, options, carries_graph)
+        text = to_json(exported.document, indent=None)
         with tempfile.TemporaryDirectory(prefix="nsq-gpu-") as name:
             folder = Path(name)
             has_result = (folder / "out" / "report.json").exists
 
-            def result_of(not_met: str | None, partial: bool) -> SimulationResult:
+            def result_of(not_met: str | None, partial: bool) -> Result:
                 self.report = read_report(folder / "out")
                 warn_of(self.report, not_met)
                 load = in_folder(folder / "out", self.report)
-                return fill_scene(scene, self.report, load, exported.surface_labels, bool(record_paths), partial=partial)
+                return fill_scene(scene, self.report, load, exported.surface_labels, bool(record_paths), partial=partial,
+                                  text=text)
 
             try:
-                not_met = self._run(binary, exported, options, folder)
+                not_met = self._run(binary, text, options, folder)
             except (KeyboardInterrupt, TraceTimeoutError) as stop:
                 raise with_partial(stop, result_of(None, partial=True) if has_result() else None)
             if not has_result():
@@ -215,22 +217,21 @@ class NsqGpuBackend(TracerBackend):
         return options
 
     def _trace_in_session(self, binary: str, scene: NSQScene, exported: ExportedScene, options: dict[str, Any],
-                          carries_graph: bool) -> SimulationResult:
+                          carries_graph: bool) -> Result:
         """Trace in this process's session."""
         session = shared_session(binary, self.adapter)
         text = to_json(exported.document, indent=None)
 
-        def result_of(answer: Answer, partial: bool) -> SimulationResult:
+        def result_of(answer: Answer, partial: bool) -> Result:
             self.report = answer.report
             warn_of(answer.report, answer.missed_target)
             # The gradient would be of all rays.
             attach = self._attach(session, text, scene, exported, options) if carries_graph and not partial else None
             return fill_scene(scene, answer.report, answer.arrays, exported.surface_labels, "record_paths" in options, attach,
-                              partial)
+                              partial, text)
 
         with Shown(self.progress) as shown:
-            show = (lambda said: shown.show(Update(said))) if self.progress else None
-            return session.kept(text, options, result_of, timeout=self.timeout, progress=show, name=EXPORTED)
+            return session.kept(text, options, result_of, timeout=self.timeout, progress=shown.of_json, name=EXPORTED)
 
     def _attach(self, session: Session, text: str, scene: NSQScene, exported: ExportedScene,
                 options: dict[str, Any]) -> Callable[[], None]:
@@ -249,8 +250,9 @@ class NsqGpuBackend(TracerBackend):
                 shape = shape_of(exported.document, options, names)
                 is_due = self.check_edges and shape not in session.checked_shapes
                 try:
-                    answer = session.loss_gradient(text, options, names, adjoints, timeout=self.timeout, name=EXPORTED,
-                                                   check_edges=is_due)
+                    with Shown(self.progress) as shown:
+                        answer = session.loss_gradient(text, options, names, adjoints, timeout=self.timeout, name=EXPORTED,
+                                                       check_edges=is_due, progress=shown.of_json)
                     break
                 except UsageError as error:
                     # The program refuses one number at a time.
@@ -272,19 +274,18 @@ class NsqGpuBackend(TracerBackend):
         traced = Traced(gradient, smooth_detectors(scene))
         return lambda: attach(scene, traced, list(exported.wanted.values()))
 
-    def _run(self, binary: str, exported: ExportedScene, options: dict[str, Any], folder: Path) -> str | None:
+    def _run(self, binary: str, text: str, options: dict[str, Any], folder: Path) -> str | None:
         """Trace into ``folder / "out"``; return what is said where the target error was not met."""
         scene_file = folder / "scene.json"
-        scene_file.write_text(to_json(exported.document, indent=None), encoding="utf-8")
-        mode = "json" if self.progress else "never"
+        scene_file.write_text(text, encoding="utf-8")
         # Nobody looks at pictures of a folder that is about to go; and the child ends when stdin closes with us.
         arguments = [f"--{name.replace('_', '-')}={value}" for name, value in options.items()]
         if self.adapter is not None:
             arguments.append(f"--adapter={self.adapter}")
-        command = [binary, "trace", str(scene_file), *arguments, f"--progress={mode}", f"--output={folder / 'out'}",
-                   "--no-pictures", "--watch-stdin"]
         try:
             with Shown(self.progress) as shown:
+                command = [binary, "trace", str(scene_file), *arguments, f"--progress={shown.mode}",
+                           f"--output={folder / 'out'}", "--no-pictures", "--watch-stdin"]
                 code, said = run(command, self.timeout, shown, accepted=(0, TOLERANCE_NOT_MET), keeps=True)
         except SceneError as error:
             # The file is ours, and gone when the message is read.

@@ -25,15 +25,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from optiland.nonsequential import NSQScene
-from optiland.nonsequential.tracer import SimulationResult
 
 from nsq_gpu.arguments import missing
 from nsq_gpu.binary import find_binary
 from nsq_gpu.errors import NsqGpuError, SceneError, TraceTimeoutError, UsageError, with_partial
 from nsq_gpu.export import export, to_json
 from nsq_gpu.integrity import read_report
-from nsq_gpu.process import ProgressCallback, Shown, Update, run, seconds
-from nsq_gpu.results import check_paths, fill_scene, in_folder, warn_of
+from nsq_gpu.process import run, seconds
+from nsq_gpu.progress import Counter, Progress, Shown
+from nsq_gpu.results import Result, check_paths, fill_scene, in_folder, warn_of
 from nsq_gpu.session import EXPORTED, Answer, Session, as_written, numbers_of_rays
 from nsq_gpu.sweeps import Point, Sweep
 from nsq_gpu.sweeps import run as run_points
@@ -79,7 +79,7 @@ class Traced(NamedTuple):
 def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None = None, *, seed: int = 0,
           max_depth: int = 16, precision: str = "auto", adapter: str | None = None, binary: str | None = None,
           any_driver: bool = False, target_error: float | str | None = None, timeout: float | None = None,
-          progress: bool | ProgressCallback = False, **options: Any) -> SimulationResult:
+          progress: Progress = None, **options: Any) -> Result:
     """Trace a scene on a Dask cluster; return Optiland's result, and leave live detectors as its own backends do.
 
     The bits are those of ``nsq-gpu trace -n NUM_RAYS`` with ``--strict``, where the adapters allow strict arithmetic.
@@ -103,7 +103,7 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
             two or more, that is as certain as that. So it does not depend on who was fast, and its bits are those of
             ``-n`` that many rays ``--of-rays NUM_RAYS``. Ranges beyond it are thrown away.
         timeout: Longest time of the call [s], waits for workers included.
-        progress: True shows a bar; a function is called with rays done, rays in all, rays per second.
+        progress: As that of :class:`nsq_gpu.NsqGpuBackend`; a range counts when it is done.
         options: Further options of ``nsq-gpu trace`` by their names, such as ``paths=True``. The table of paths is that
             of one trace of all rays.
 
@@ -141,7 +141,7 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
         tallies: list[bytes] = []
         sums: list[bytes] = []
 
-        def filled(partial: bool) -> SimulationResult:
+        def filled(partial: bool) -> Result:
             """Fill the scene with what is done; return its result."""
             _merge(program, tallies, text, folder, [*_range(*done[0]), *arguments])
             report = read_report(folder / "out")
@@ -150,13 +150,13 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
             told = f"nsq-gpu: the relative error is {reached}, above the target of {target}; give more rays"
             warn_of(report, told if missed else None)
             return fill_scene(scene, report, in_folder(folder / "out", report), exported.surface_labels,
-                              report["ray_paths"] is not None, partial=partial)
+                              report["ray_paths"] is not None, partial=partial, text=text)
 
         try:
-            with _client(client, deadline) as used, Shown(progress) as shown:
+            with Shown(progress) as shown, _client(client, deadline) as used:
                 workers = len(used.nthreads()) or _WORKERS
                 ranges = _ranges(num_rays, parts or (4 if target is None else 16) * workers)
-                counted = _Progress(shown, num_rays)
+                counted = Counter(shown, num_rays)
                 calls = [(first, count, arguments, binary) for first, count in ranges]
                 with closing(_answers(used, trace_range, text, calls, program, any_driver, deadline,
                                       in_order=target is not None)) as answers:
@@ -180,7 +180,7 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
 def sweep(scene: NSQScene, numbers: Mapping[str, Sequence[float]], num_rays: int, client: Any = None, *, zip: bool = False,
           common_draws: bool = True, maps: bool = False, seed: int = 0, max_depth: int = 16, precision: str = "auto",
           adapter: str | None = None, binary: str | None = None, any_driver: bool = False, timeout: float | None = None,
-          **options: Any) -> Sweep:
+          progress: Progress = None, **options: Any) -> Sweep:
     """Trace a scene with every combination of some numbers' values, a task each: :meth:`nsq_gpu.Session.sweep`.
 
     Each process of a worker keeps a session, so that scenes of one shape are compiled once there. Arguments are those of
@@ -202,14 +202,16 @@ def sweep(scene: NSQScene, numbers: Mapping[str, Sequence[float]], num_rays: int
         decided = _decide(program, text, Path(folder), traced | as_written(options), timeout)
     named = {"num_rays": num_rays, "max_depth": max_depth, **decided, **options}
 
-    with _client(client, deadline) as used:
+    with Shown(progress) as shown, _client(client, deadline) as used:
         def trace_all(points: list[Point]) -> Iterator[Answer | NsqGpuError]:
             known: set[str] = set()
+            counted = Counter(shown, len(points) * num_rays)
             calls = [(values, {**named, "seed": seed + index}, adapter, binary) for values, index in points]
             with closing(_answers(used, trace_point, text, calls, program, any_driver, deadline, in_order=True)) as answers:
                 for _, answer in answers:
                     if isinstance(answer, Answer):
                         warn_of(answer.report, answer.missed_target, known)
+                    counted.add(num_rays)
                     yield answer
 
         return run_points(trace_all, numbers, zip, common_draws, maps)
@@ -422,23 +424,6 @@ def _identified(program: str, mtime_ns: int, size: int) -> tuple[str, str]:
     version = subprocess.run([program, "--version"], capture_output=True, text=True, check=True, stdin=subprocess.DEVNULL).stdout
     with Path(program).open("rb") as stream:
         return version.strip(), hashlib.file_digest(stream, "sha256").hexdigest()
-
-
-class _Progress:
-    """Counts the rays of ranges that are done, and shows how many."""
-
-    def __init__(self, shown: Shown, num_rays: int) -> None:
-        self._shown = shown
-        self._num_rays = num_rays
-        self._done = 0
-        self._start = time.monotonic()
-
-    def add(self, rays: int, relative_error: float | None = None) -> None:
-        """Show that so many more rays are done."""
-        self._done += rays
-        rate = self._done / max(time.monotonic() - self._start, 1e-9)
-        self._shown.show(Update({"rays": self._done, "num_rays": self._num_rays, "rays_per_sec": rate,
-                                 "eta_sec": (self._num_rays - self._done) / rate, "relative_error": relative_error}))
 
 
 def _ranges(num_rays: int, parts: int) -> list[tuple[int, int]]:

@@ -15,17 +15,19 @@ from optiland.nonsequential import NSQScene
 
 from nsq_gpu.arguments import check_scene
 from nsq_gpu.binary import find_binary
+from nsq_gpu.display import Displayed, Summary, number
 from nsq_gpu.errors import NsqGpuError, NsqGpuWarning, SceneError, TraceTimeoutError, warn, with_partial
 from nsq_gpu.export import export, to_json
 from nsq_gpu.few_rays import FewRays, few_rays, in_table
-from nsq_gpu.process import ProgressCallback, Shown, run
+from nsq_gpu.process import run
+from nsq_gpu.progress import Progress, Shown
 from nsq_gpu.session import numbers_of_rays
 
 Json = dict[str, Any]
 
 
-@dataclass(frozen=True)
-class FluxDifference:
+@dataclass(frozen=True, repr=False)
+class FluxDifference(Displayed):
     """A flux of both scenes [W]."""
 
     #: That of scene A.
@@ -39,8 +41,12 @@ class FluxDifference:
     #: What is known of a difference that fewer than ten rays make; None else. The bound is one of its size.
     few_rays: FewRays | None = field(default=None, kw_only=True)
 
+    def _summary(self) -> Summary:
+        error = self.few_rays or f"error {number(self.standard_error, 2) or 'not known'}"
+        return Summary(f"{type(self).__name__}: {number(self.difference, 4)} W, {error}; A {number(self.a)} W, B {number(self.b)} W")
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, repr=False)
 class DetectorDifference(FluxDifference):
     """What a detector saw of both scenes: its flux [W], and its map in its own unit (W/mm^2, of far fields W/sr)."""
 
@@ -55,8 +61,8 @@ class DetectorDifference(FluxDifference):
     map_b: np.ndarray | None
 
 
-@dataclass(frozen=True)
-class Difference:
+@dataclass(frozen=True, repr=False)
+class Difference(Displayed):
     """A - B by the same draws. Print it for a table."""
 
     #: By the detectors' names.
@@ -75,6 +81,13 @@ class Difference:
         """Rays of each scene."""
         return int(self.report["num_rays"])
 
+    def _summary(self) -> Summary:
+        rows = [[name, number(row.a, 7), number(row.b, 7), number(row.difference, 4),
+                 str(row.few_rays or number(row.standard_error, 2))]
+                for group in (self.detectors, self.totals, self.surfaces) for name, row in group.items()]
+        title = f"Difference: {self.num_rays:,} rays of each scene" + (", stopped before the end" if self.partial else "")
+        return Summary(title, ["", "A [W]", "B [W]", "A - B [W]", "error [W]"], rows)
+
     def __str__(self) -> str:
         rows = [(name, row) for group in (self.detectors, self.totals, self.surfaces) for name, row in group.items()]
         lines = [f"{'':<20}{'A [W]':>14}{'B [W]':>14}{'A - B [W]':>14}{'error [W]':>12}"]
@@ -87,7 +100,7 @@ class Difference:
 def diff(a: NSQScene | str | os.PathLike[str], b: NSQScene | str | os.PathLike[str], num_rays: int, *, seed: int = 0,
          max_depth: int = 16, precision: str = "auto", sampler: str = "pcg", where: str | None = None,
          adapter: str | None = None, binary: str | os.PathLike[str] | None = None, timeout: float | None = None,
-         progress: bool | ProgressCallback = False) -> Difference:
+         progress: Progress = None) -> Difference:
     """Trace two scenes by the same draws; return A - B with standard errors of its own.
 
     What the change does not touch cancels to the bit, so that the error of the difference is far below that of either
@@ -108,7 +121,7 @@ def diff(a: NSQScene | str | os.PathLike[str], b: NSQScene | str | os.PathLike[s
         adapter: A part of the adapter's name.
         binary: Path of the program.
         timeout: Longest time [s].
-        progress: True shows a bar.
+        progress: As that of :class:`nsq_gpu.NsqGpuBackend`.
 
     Raises:
         NsqGpuError: One of its subclasses, by what went wrong.
@@ -120,13 +133,12 @@ def diff(a: NSQScene | str | os.PathLike[str], b: NSQScene | str | os.PathLike[s
         folder = Path(name)
         files = [_file(scene, folder, side) for side, scene in (("A", a), ("B", b))]
         numbers = {name.replace("_", "-"): value for name, value in numbers_of_rays(num_rays, seed, max_depth).items()}
-        options = {**numbers, "precision": precision, "sampler": sampler, "where": where, "adapter": adapter,
-                   "progress": "json" if progress else "never"}
+        options = {**numbers, "precision": precision, "sampler": sampler, "where": where, "adapter": adapter}
         command = [program, "diff", *files, *(f"--{key}={value}" for key, value in options.items() if value is not None),
                    f"--output={folder / 'out'}", "--no-pictures", "--watch-stdin"]
         try:
             with Shown(progress) as shown:
-                run(command, timeout, shown, keeps=True)
+                run([*command, f"--progress={shown.mode}"], timeout, shown, keeps=True)
         except SceneError as error:
             said = str(error)
             for side in "AB":

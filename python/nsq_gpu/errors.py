@@ -97,7 +97,8 @@ class Interrupted(KeyboardInterrupt):
     """
 
     def __init__(self, partial: Any) -> None:
-        super().__init__("interrupted; what was computed is in the exception's `partial`")
+        super().__init__("interrupted; what was computed is in the exception's `partial`: in a notebook, or a shell of Python, "
+                         "`import sys; sys.last_value.partial`")
         #: What was computed, as the call would have returned it, with ``partial`` set.
         self.partial = partial
 

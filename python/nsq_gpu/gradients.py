@@ -13,20 +13,22 @@ from optiland.nonsequential import NSQScene
 
 from nsq_gpu.arguments import answering, check_scene
 from nsq_gpu.binary import find_binary
+from nsq_gpu.display import Displayed, Summary, error_of, number
 from nsq_gpu.edges import check_options
 from nsq_gpu.errors import ResultWarning, UsageError, warn
 from nsq_gpu.export import export, to_json
 from nsq_gpu.few_rays import rests_on
-from nsq_gpu.process import ProgressCallback, Shown, Update
+from nsq_gpu.progress import Progress, Shown
 from nsq_gpu.session import EXPORTED, Answer, numbers_of_rays, shared_session
 from nsq_gpu.results import warn_of
+from nsq_gpu.units import unit_of
 
 #: The array of a detector's map, by its kind.
 MAPS = {"irradiance": "irradiance", "spectral": "irradiance", "far_field": "intensity"}
 
 
-@dataclass(frozen=True)
-class Derivative:
+@dataclass(frozen=True, repr=False)
+class Derivative(Displayed):
     """What one parameter does to one detector, per unit of the parameter.
 
     The unit is mm, um, rad, W or 1, and degrees where the file has degrees.
@@ -46,9 +48,14 @@ class Derivative:
     #: The same of the interior alone, where ``edges=True`` was asked for; else None.
     interior: Derivative | None = None
 
+    def _summary(self) -> Summary:
+        known = "" if self.map is None else f", with a map of {' x '.join(map(str, self.map.shape))}"
+        error = rests_on(self.rests_on) if self.rests_on is not None else f"error {number(self.standard_error, 2) or 'not known'}"
+        return Summary(f"Derivative: {number(self.flux)} W per unit, {error}{known}")
 
-@dataclass(frozen=True)
-class Jacobian:
+
+@dataclass(frozen=True, repr=False)
+class Jacobian(Displayed):
     """Derivatives of all detectors by some parameters: ``found["L1.r1", "image"].map``."""
 
     #: By the names of parameter and detector.
@@ -69,13 +76,21 @@ class Jacobian:
                   for (parameter, detector), found in self.derivatives.items()]
         return "\n".join(lines)
 
+    def _summary(self) -> Summary:
+        rows = [[parameter, detector, number(found.flux, 5), error_of(found.standard_error, found.rests_on)]
+                for (parameter, detector), found in self.derivatives.items()]
+        units = [f"W/{unit_of(row[0]) or 'unit'}" for row in rows]
+        rows = [[*row, unit] for row, unit in zip(rows, units, strict=True)]
+        title = f"Jacobian: {self.report['num_rays_total']:,} rays" + (", stopped before its end" if self.partial else "")
+        return Summary(title, ["parameter", "detector", "d flux", "error", "unit"], rows)
+
 
 def _remark(found: Derivative) -> str:
     return "" if found.rests_on is None else f"  {rests_on(found.rests_on)}"
 
 
 def jacobian(scene: NSQScene | str | os.PathLike[str], parameters: str | Sequence[str], num_rays: int, *,
-             where: str | None = None, edges: bool = False, progress: bool | ProgressCallback | None = None, seed: int = 0,
+             where: str | None = None, edges: bool = False, progress: Progress = None, seed: int = 0,
              max_depth: int = 16, precision: str = "auto", adapter: str | None = None,
              binary: str | os.PathLike[str] | None = None, timeout: float | None = None) -> Jacobian:
     """Differentiate what all detectors record by numbers of a scene.
@@ -93,7 +108,7 @@ def jacobian(scene: NSQScene | str | os.PathLike[str], parameters: str | Sequenc
         where: Keeps on detectors the light whose path matches: ``"reflections == 2"``.
         edges: True finds each derivative by a difference of two traces by the same draws, edges included. That takes two
             more traces for each parameter. ``interior`` of each derivative then has it without edges.
-        progress: True shows a bar; a function gets the rays done, the rays in all, and the rays per second.
+        progress: As that of :class:`nsq_gpu.NsqGpuBackend`.
         seed: Seed of the draws.
         max_depth: Largest number of events of a ray.
         precision: As that of :class:`nsq_gpu.NsqGpuBackend`.
@@ -112,14 +127,19 @@ def jacobian(scene: NSQScene | str | os.PathLike[str], parameters: str | Sequenc
     names, text, place = _asked(scene, parameters)
     session = shared_session(find_binary(binary), adapter)
     options = numbers_of_rays(num_rays, seed, max_depth) | {"precision": precision, "where": where}
-    with answering(text, names), Shown(progress or False) as shown:
-        show = (lambda said: shown.show(Update(said))) if progress else None
+    with answering(text, names), Shown(progress) as shown:
         return session.kept(text, options, lambda answer, partial: of_answer(answer, partial, edges), timeout=timeout,
-                            progress=show, gradient=names, gradient_edges=edges, **place)
+                            progress=shown.of_json, gradient=names, gradient_edges=edges, **place)
 
 
 class LossGradient(dict[str, float]):
     """What a loss gains by a unit of each parameter, by the parameter's name."""
+
+    def _repr_html_(self) -> str:
+        errors = self.standard_errors or {}
+        rows = [[name, number(value, 5), number(errors.get(name), 2), f"1/{unit_of(name) or 'unit'}"]
+                for name, value in self.items()]
+        return Summary("LossGradient", ["parameter", "d loss", "error", "unit"], rows).html()
 
     #: Why some parameters were differentiated forward, four a pass over the rays; None where all were differentiated back.
     why_forward: str | None = None
@@ -131,7 +151,7 @@ class LossGradient(dict[str, float]):
 
 def loss_gradient(scene: NSQScene | str | os.PathLike[str], parameters: str | Sequence[str],
                   adjoints: Mapping[str, np.ndarray], num_rays: int, *, where: str | None = None, edges: bool = False,
-                  progress: bool | ProgressCallback | None = None, seed: int = 0, max_depth: int = 16,
+                  progress: Progress = None, seed: int = 0, max_depth: int = 16,
                   precision: str = "auto", adapter: str | None = None, binary: str | os.PathLike[str] | None = None,
                   timeout: float | None = None) -> LossGradient:
     """Differentiate a loss by any number of a scene's numbers, in one pass over the rays.
@@ -153,7 +173,7 @@ def loss_gradient(scene: NSQScene | str | os.PathLike[str], parameters: str | Se
         where: Keeps on detectors the light whose path matches: ``"reflections == 2"``.
         edges: True finds each value by a difference of two traces by the same draws, edges included. That takes two more
             traces for each parameter.
-        progress: True shows a bar; a function gets the rays done, the rays in all, and the rays per second.
+        progress: As that of :class:`nsq_gpu.NsqGpuBackend`.
         seed: Seed of the draws.
         max_depth: Largest number of events of a ray.
         precision: As that of :class:`nsq_gpu.NsqGpuBackend`.
@@ -173,9 +193,8 @@ def loss_gradient(scene: NSQScene | str | os.PathLike[str], parameters: str | Se
     names, text, place = _asked(scene, parameters)
     session = shared_session(find_binary(binary), adapter)
     options = numbers_of_rays(num_rays, seed, max_depth) | {"precision": precision, "where": where}
-    with answering(text, names), Shown(progress or False) as shown:
-        show = (lambda said: shown.show(Update(said))) if progress else None
-        answer = session.loss_gradient(text, options, names, adjoints, timeout=timeout, progress=show, edges=edges, **place)
+    with answering(text, names), Shown(progress) as shown:
+        answer = session.loss_gradient(text, options, names, adjoints, timeout=timeout, progress=shown.of_json, edges=edges, **place)
     warn_of_lost(answer["num_lost"])
     found = LossGradient(zip(names, answer["values"], strict=True))
     if edges:

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from nsq_gpu.arguments import missing
+from nsq_gpu.display import MOST_ROWS, Displayed, Summary, error_of, number
+from nsq_gpu.labelled import table as labelled_table
 
 Json = dict[str, Any]
 
@@ -29,7 +30,7 @@ FIELDS = np.dtype([
 ])
 
 
-class PathTable(np.ndarray):
+class PathTable(Displayed, np.ndarray):
     """The paths of a trace: a structured array with a row for each sequence of events, the most flux first.
 
     ``table["flux"]`` is a column and ``table[0]`` a row. ``table[table["reflections"] == 2]`` is a table of those rows.
@@ -58,16 +59,33 @@ class PathTable(np.ndarray):
         return found if is_table or not isinstance(found, PathTable) else found.view(np.ndarray)
 
     def to_pandas(self) -> Any:
-        """Return a ``pandas.DataFrame`` with the same columns.
+        """Return a ``pandas.DataFrame`` with the same columns; ``attrs["units"]`` has the units of those in watts.
 
         Raises:
-            MissingLibraryError: pandas is not installed (``pip install nsq-gpu[pandas]``).
+            MissingLibraryError: pandas is not installed (``pip install 'nsq-gpu[pandas]'``).
         """
-        try:
-            import pandas
-        except ImportError:
-            raise missing("pandas", "pandas", "to_pandas needs") from None
-        return pandas.DataFrame({name: self[name] for name in self.dtype.names or ()})
+        return labelled_table({name: self[name] for name in self.dtype.names or ()},
+                              {"flux": "W", "standard_error": "W", "upper_bound_95": "W"})
+
+    def __repr__(self) -> str:
+        return super().__repr__() if self._is_table() else np.ndarray.__repr__(self)
+
+    def __str__(self) -> str:
+        return repr(self)
+
+    def _repr_html_(self) -> str | None:
+        return super()._repr_html_() if self._is_table() else None
+
+    def _is_table(self) -> bool:
+        """Tell whether it has all columns, and an axis of rows."""
+        return self.dtype == FIELDS and self.ndim == 1
+
+    def _summary(self) -> Summary:
+        headings = ["rank", "flux [W]", "share", "error [W]", "detector", "sequence"]
+        rows = [[str(row["rank"]), number(row["flux"], 4), f"{row['share']:.3%}",
+                 error_of(row["standard_error"], row["rests_on"] if row["upper_bound_95"] == row["upper_bound_95"] else None),
+                 row["detector"] or "", row["sequence"]] for row in self[:MOST_ROWS]]
+        return Summary(f"PathTable: {len(self)} paths", headings, rows, len(self))
 
 
 def path_table(rows: Sequence[Json]) -> PathTable:

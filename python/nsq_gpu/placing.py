@@ -41,10 +41,7 @@ def write(path: str | os.PathLike[str], text: str, overwrite: bool = False) -> N
     replaces = _may_replace(path, overwrite)
     new = path.with_name(f".nsq-gpu-{secrets.token_hex(8)}")
     try:
-        with open(new, "xb") as stream:
-            stream.write(data)
-            stream.flush()
-            os.fsync(stream.fileno())
+        _write_new(new, data)
         if replaces:
             os.chmod(new, stat.S_IMODE(path.stat().st_mode))
             os.replace(new, path)
@@ -53,6 +50,42 @@ def write(path: str | os.PathLike[str], text: str, overwrite: bool = False) -> N
         _written[os.path.abspath(path)] = hashlib.sha256(data).digest()
     finally:
         new.unlink(missing_ok=True)
+
+
+def write_all(folder: Path, files: dict[str, bytes], overwrite: bool, leave: set[str]) -> None:
+    """Write files that belong together, whose last one names the others, and take away those that are to leave.
+
+    Until all are written nothing changes. A call that is killed later leaves a folder without the last one.
+
+    Raises:
+        UsageError: A place was taken meanwhile.
+        OSError: A file cannot be written.
+    """
+    stage = folder / f".nsq-gpu-{secrets.token_hex(8)}"
+    stage.mkdir()
+    try:
+        for name, data in files.items():
+            _write_new(stage / name, data)
+        if overwrite:
+            (folder / list(files)[-1]).unlink(missing_ok=True)
+        for name in leave:
+            (folder / name).unlink(missing_ok=True)
+        for name in files:
+            if overwrite:
+                os.replace(stage / name, folder / name)
+            else:
+                _rename_to_new(stage / name, folder / name)
+    finally:
+        for name in files:
+            (stage / name).unlink(missing_ok=True)
+        stage.rmdir()
+
+
+def _write_new(path: Path, data: bytes) -> None:
+    with open(path, "xb") as stream:
+        stream.write(data)
+        stream.flush()
+        os.fsync(stream.fileno())
 
 
 def _may_replace(path: Path, overwrite: bool) -> bool:

@@ -11,28 +11,12 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent import futures
 from typing import IO, Any
 
 from nsq_gpu.errors import NsqGpuError, TraceTimeoutError, UsageError, error_of
-
-#: Called with the rays done, the rays in all, and the rays per second.
-ProgressCallback = Callable[[int, int, float], None]
-
-
-class Update:
-    """One line of progress."""
-
-    def __init__(self, said: dict[str, Any]) -> None:
-        self.rays = int(said["rays"])
-        self.num_rays = int(said["num_rays"])
-        self.rays_per_sec = float(said["rays_per_sec"])
-        #: Time to the end [s]: the last ray, the target or the time limit.
-        self.eta_sec = float(said["eta_sec"])
-        #: The largest relative standard error; None as long as it is not known.
-        self.relative_error: float | None = said.get("relative_error")
-
+from nsq_gpu.progress import Shown, Update
 
 #: Longest time between two looks at the clock, and so at Ctrl-C on systems where a wait hides it [s].
 TICK = 0.1
@@ -177,57 +161,3 @@ def _update_in(line: str) -> Update | None:
         return Update(json.loads(line))
     except (ValueError, KeyError, TypeError):
         return None
-
-
-class ProgressBar:
-    """A one-line bar on stderr. Python draws it, because a notebook shows nothing that a child writes."""
-
-    _CELLS = 32
-
-    def __init__(self, stream: IO[str] | None = None) -> None:
-        self._stream = stream or sys.stderr
-        self._width = 0
-
-    def show(self, update: Update) -> None:
-        """Draw the bar anew."""
-        share = update.rays / max(update.num_rays, 1)
-        bar = ("=" * round(share * self._CELLS)).ljust(self._CELLS)
-        text = (f"[{bar}] {share:4.0%}  {update.rays:,} of {update.num_rays:,} rays, "
-                f"{update.rays_per_sec:,.0f} rays/s, {update.eta_sec:.0f} s left")
-        if update.relative_error is not None:
-            text += f", error {100.0 * update.relative_error:.2g} %"
-        self._write(text)
-
-    def close(self) -> None:
-        """Take the bar away."""
-        if self._width:
-            self._write("")
-            self._stream.write("\r")
-            self._stream.flush()
-
-    def _write(self, text: str) -> None:
-        self._stream.write("\r" + text.ljust(self._width))
-        self._stream.flush()
-        self._width = max(self._width, len(text))
-
-
-class Shown:
-    """Where progress is shown: in a bar, by a function, or nowhere."""
-
-    def __init__(self, progress: bool | ProgressCallback) -> None:
-        self._call = progress if callable(progress) else None
-        self._bar = ProgressBar() if progress and not callable(progress) else None
-
-    def __enter__(self) -> Shown:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        if self._bar is not None:
-            self._bar.close()
-
-    def show(self, update: Update) -> None:
-        """Show how far a trace is."""
-        if self._bar is not None:
-            self._bar.show(update)
-        elif self._call is not None:
-            self._call(update.rays, update.num_rays, update.rays_per_sec)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -20,6 +22,7 @@ from optiland.nonsequential.diagnostics import Diagnostics, build_diagnostics
 from optiland.nonsequential.path_recording import _EVENT_DTYPE
 from optiland.nonsequential.tracer import SimulationResult
 
+from nsq_gpu.display import Displayed, Summary, error_of, number
 from nsq_gpu.errors import (
     NsqGpuError,
     NsqGpuWarning,
@@ -29,9 +32,9 @@ from nsq_gpu.errors import (
     wants_gradient,
     warn,
 )
-from nsq_gpu.few_rays import few_rays
+from nsq_gpu.few_rays import FewRays, few_rays
 from nsq_gpu.integrity import load_arrays
-from nsq_gpu.paths import path_table
+from nsq_gpu.paths import PathTable, path_table
 
 Json = dict[str, Any]
 
@@ -48,7 +51,7 @@ _ONLY_IN_LEDGER = {
     "bsdf_gain": "gained by sampling of scattering",
 }
 #: Longest name in an event [characters].
-_ROWS = ("x", "y", "z", "L", "M", "N", "flux", "wavelength")
+ROWS = ("x", "y", "z", "L", "M", "N", "flux", "wavelength")
 
 
 @dataclass(frozen=True)
@@ -101,6 +104,108 @@ class LedgerDiagnostics(Diagnostics):
         return text
 
 
+class Result(Displayed, SimulationResult):
+    """Optiland's result, with what it has no field for, and with pictures, files and tables.
+
+    >>> result.plot("image", scale="log")
+    >>> result.save("run_1")
+    >>> nsq_gpu.load("run_1").to_xarray()
+    """
+
+    #: Light by its path; None where it was not asked for.
+    paths: PathTable | None = None
+    #: What is known of fluxes that rest on fewer than ten rays, by detector.
+    few_rays: dict[str, FewRays] = MappingProxyType({})  # type: ignore[assignment]
+    #: True if the trace was stopped.
+    partial: bool = False
+    #: The program's report, as ``report.json`` has it.
+    report_json: Json = MappingProxyType({})  # type: ignore[assignment]
+    #: The program's arrays by detector, as the ``.npz`` files have them; under None those of recorded paths.
+    arrays: dict[str | None, dict[str, np.ndarray]] = MappingProxyType({})  # type: ignore[assignment]
+    #: The text of the scene that was traced, as a scene file has it; None where it is not known.
+    scene_json: str | None = None
+
+    def plot(self, detector: str | None = None, *, scale: str = "linear", unit: str | None = None,
+             wavelength: float | str | None = None, ax: Any = None, **options: Any) -> Any:
+        """Draw what a detector saw: a map with its colour bar, a far field, or a spectrum.
+
+        Args:
+            detector: Its name; it may be left out where one alone has a map.
+            scale: ``"linear"``, or ``"log"``: over at most six decades below the largest value.
+            unit: Such as ``"mW/cm2"``; by default W/mm^2 or W/sr, with the prefix that fits.
+            wavelength: Of a spectral detector the map at this wavelength [um], or of ``"all"`` light. None draws the spectrum.
+            ax: Matplotlib's axes; those of a far field are polar. None makes a figure.
+            options: Further options of ``imshow``, ``pcolormesh`` or ``stairs``, such as ``cmap="magma"``.
+
+        Returns:
+            The axes.
+
+        Raises:
+            UsageError: Several detectors have a map, or none of this name has; the message has the names.
+        """
+        from nsq_gpu.plotting import plot
+
+        return plot(self, detector, scale=scale, unit=unit, wavelength=wavelength, ax=ax, **options)
+
+    def save(self, folder: str | os.PathLike[str], *, overwrite: bool = False) -> None:
+        """Write the result into a folder, as ``nsq-gpu trace -o`` does; :func:`nsq_gpu.load` reads it back.
+
+        ``nsq-gpu view``, ``compare`` and ``verify`` read it as well. It has no pictures, and no ``tally.bin``, so that
+        ``merge`` and ``--resume`` do not take it. ``scene.json`` is the scene that was traced.
+
+        Args:
+            folder: The folder; it is made where it is not there. Files of others in it stay.
+            overwrite: True replaces the files of a result that is there.
+
+        Raises:
+            UsageError: A file is in the way.
+        """
+        from nsq_gpu.storing import save
+
+        save(self, Path(folder), overwrite)
+
+    def to_xarray(self) -> Any:
+        """Return an ``xarray.Dataset`` of all maps, with units on coordinates: ``image`` and ``image_standard_error``.
+
+        Raises:
+            MissingLibraryError: xarray is not installed (``pip install 'nsq-gpu[xarray]'``).
+        """
+        from nsq_gpu.labelled import of_result
+
+        return of_result(self)
+
+    def to_pandas(self) -> Any:
+        """Return a ``pandas.DataFrame`` with a row a detector; ``attrs["units"]`` has the columns' units.
+
+        Raises:
+            MissingLibraryError: pandas is not installed (``pip install 'nsq-gpu[pandas]'``).
+        """
+        from nsq_gpu.labelled import detector_table
+
+        return detector_table(self)
+
+    def _summary(self) -> Summary:
+        report = self.report_json
+        if not report:
+            # Such as a copy by dataclasses.replace, which takes Optiland's fields alone.
+            return Summary(SimulationResult.__repr__(self))
+        title = (f"Result: {self.num_rays_total:,} rays in {self.trace_time_sec:.3g} s, {report['precision']}, "
+                 f"{report['adapter']}" + (", stopped before its end" if self.partial else ""))
+        rows = []
+        for name, entry in report["detectors"].items():
+            error = error_of(entry["total_flux_standard_error"], entry.get("rests_on"), entry.get("upper_bound_95"))
+            rows.append([name, number(entry["total_flux"]), error, f"{entry['num_rays_hit']:,}", entry["kind"]])
+        for what, flux in (("launched", self.total_flux_in), ("absorbed", self.total_flux_absorbed),
+                           ("bulk absorbed", self.total_flux_bulk_absorbed), ("escaped", self.total_flux_escaped),
+                           ("lost", self.total_flux_lost)):
+            if flux:
+                rows.append([what, number(flux), "", "", ""])
+        warnings = self.diagnostics.warnings()
+        notes = ["The ledger closes."] if self.diagnostics.ledger_closes else []
+        notes += [f"{len(warnings)} warnings: see print(result.report())"] if warnings else []
+        return Summary(title, ["", "flux [W]", "error [W]", "rays", ""], rows, notes=notes)
+
+
 #: Gives the arrays of a detector by its name, or with None those of the recorded paths.
 Load = Callable[[str | None], dict[str, np.ndarray]]
 
@@ -112,31 +217,37 @@ def in_folder(folder: Path, report: Json) -> Load:
 
 def fill_scene(scene: NSQScene, report: Json, load: Load, surface_labels: list[str],
                records_paths: bool = False, attach: Callable[[], None] | None = None,
-               partial: bool = False) -> SimulationResult:
+               partial: bool = False, text: str | None = None) -> Result:
     """Put a trace into the live scene, as a trace of Optiland's leaves it, and return its result.
 
     ``attach`` is called when the live detectors hold their maps, and may put these on a graph. ``partial`` marks the result
-    of a trace that was stopped.
+    of a trace that was stopped. ``text`` is the scene as it was traced.
     """
     _check_names(report, surface_labels, scene.detector_names)
     _fill_absorbers(scene, report)
-    arrays = {name: load(name) for name in scene.detector_names}
+    arrays: dict[str | None, dict[str, np.ndarray]] = {name: load(name) for name in scene.detector_names}
+    if records_paths:
+        arrays[None] = load(None)
     for name, live in zip(scene.detector_names, scene.detectors, strict=True):
         _fill_detector(live, report["detectors"][name], arrays[name])
     if attach is not None:
         attach()
     detectors = {name: live.get_result() for name, live in zip(scene.detector_names, scene.detectors, strict=True)}
+    ray_paths = _ray_paths(scene, arrays[None], surface_labels) if records_paths else None
+    return result_of(report, arrays, detectors, ray_paths, _diagnostics(scene, report, detectors), partial, text)
+
+
+def result_of(report: Json, arrays: dict[str | None, dict[str, np.ndarray]], detectors: dict[str, Any], ray_paths: Json | None,
+              diagnostics: Diagnostics, partial: bool, text: str | None) -> Result:
+    """Return a result of these parts."""
     for name, detector in detectors.items():
         _add_errors(detector, report["detectors"][name], arrays[name])
-    result = SimulationResult(
-        **{key: report[key] for key in _SAME},
-        detectors=detectors,
-        ray_paths=_ray_paths(scene, load(None), surface_labels) if records_paths else None,
-        diagnostics=_diagnostics(scene, report, detectors),
-    )
-    _add_paths(result, report)
+    result = Result(**{key: report[key] for key in _SAME}, detectors=detectors, ray_paths=ray_paths, diagnostics=diagnostics)
+    rows = report.get("paths")
+    result.paths = None if rows is None else path_table(rows)
     result.few_rays = {name: found for name, spec in report["detectors"].items() if (found := few_rays(spec))}
     result.partial = partial
+    result.report_json, result.arrays, result.scene_json = report, arrays, text
     return result
 
 
@@ -191,12 +302,6 @@ def _add_errors(detector: Any, spec: Json, arrays: Any) -> None:
     detector.few_rays = few_rays(spec)
 
 
-def _add_paths(result: SimulationResult, report: Json) -> None:
-    """Put the table of paths on a result, where Optiland's has no field for it."""
-    rows = report.get("paths")
-    result.paths = None if rows is None else path_table(rows)
-
-
 def _pixel_area(live: Any) -> float:
     return float(live.width) / int(live.num_pixels_x) * (float(live.height) / int(live.num_pixels_y))
 
@@ -221,7 +326,7 @@ def _fill_ray_database(live: Any, spec: Json, arrays: Any) -> None:
     live._total_flux = spec["total_flux_recorded"]
     # Without rows Optiland's own detector holds no arrays at all.
     if len(arrays["x"]):
-        for key in _ROWS:
+        for key in ROWS:
             getattr(live, f"_{key}").append(arrays[key])
 
 
@@ -238,7 +343,6 @@ _FILL: dict[type, Callable[[Any, Json, Any], None]] = {
 
 def _diagnostics(scene: NSQScene, report: Json, detectors: dict[str, Any]) -> Any:
     launched, said = report["total_flux_in"], report["diagnostics"]
-    ledger = report["ledger"]
     reached = {index for index, surface in enumerate(report["surfaces"]) if surface["reached"]}
     optilands = build_diagnostics(
         scene,
@@ -252,6 +356,12 @@ def _diagnostics(scene: NSQScene, report: Json, detectors: dict[str, Any]) -> An
         detectors,
         medium_stack_underflows=said["medium_stack_underflows"],
     )
+    return with_ledger(optilands, report)
+
+
+def with_ledger(optilands: Diagnostics, report: Json) -> LedgerDiagnostics:
+    """Return Optiland's diagnostics with what the report says of the ledger."""
+    ledger = report["ledger"]
     return LedgerDiagnostics(
         **vars(optilands),
         ledger_imbalance_quanta=int(ledger["imbalance_quanta"]),
@@ -259,7 +369,7 @@ def _diagnostics(scene: NSQScene, report: Json, detectors: dict[str, Any]) -> An
         flux_only_in_ledger={what: ledger[key]["flux"] for key, what in _ONLY_IN_LEDGER.items()
                              if ledger[key]["flux"] > 0.0},
         flux_filtered_out=ledger["filtered_out"]["flux"],
-        wrong_sides=said.get("wrong_sides", {}),
+        wrong_sides=report["diagnostics"].get("wrong_sides", {}),
     )
 
 

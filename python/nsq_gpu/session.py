@@ -17,7 +17,6 @@ from typing import IO, Any
 
 import numpy as np
 from optiland.nonsequential import NSQScene
-from optiland.nonsequential.tracer import SimulationResult
 
 from nsq_gpu.arguments import check_mapping, of_names
 from nsq_gpu.binary import find_binary
@@ -25,7 +24,8 @@ from nsq_gpu.errors import Interrupted, NsqGpuError, SceneError, TraceTimeoutErr
 from nsq_gpu.export import export, to_json
 from nsq_gpu.export.values import whole_number
 from nsq_gpu.process import ENDING, LONG_GRACE, TICK, check_not_ending, seconds
-from nsq_gpu.results import check_paths, fill_scene, warn_of
+from nsq_gpu.progress import Counter, Progress, Shown
+from nsq_gpu.results import Result, check_paths, fill_scene, warn_of
 from nsq_gpu.sweeps import Point, Sweep, run
 
 Json = dict[str, Any]
@@ -125,7 +125,7 @@ class Session:
         self._running()
 
     def trace(self, scene: NSQScene, num_rays: int, *, seed: int = 0, max_depth: int = 16, timeout: float | None = None,
-              **options: Any) -> SimulationResult:
+              progress: Progress = None, **options: Any) -> Result:
         """Trace a scene; return Optiland's result, and leave live detectors as its own backends do.
 
         Args:
@@ -134,6 +134,7 @@ class Session:
             seed: Seed of the draws.
             max_depth: Largest number of events of a ray.
             timeout: Longest time of the trace [s].
+            progress: As that of :class:`nsq_gpu.NsqGpuBackend`.
             options: Further options of ``nsq-gpu trace`` by their names, such as ``sampler="sobol"``,
                 ``standard_error=True``, ``record_paths=True``, ``paths=True``, ``where="reflections == 2"``.
 
@@ -150,11 +151,13 @@ class Session:
         text = to_json(exported.document, indent=None)
         named = numbers_of_rays(num_rays, seed, max_depth) | options
 
-        def result_of(answer: Answer, partial: bool) -> SimulationResult:
+        def result_of(answer: Answer, partial: bool) -> Result:
             warn_of(answer.report, answer.missed_target)
-            return fill_scene(scene, answer.report, answer.arrays, exported.surface_labels, records_paths, partial=partial)
+            return fill_scene(scene, answer.report, answer.arrays, exported.surface_labels, records_paths, partial=partial,
+                              text=text)
 
-        return self.kept(text, named, result_of, timeout=timeout, name=EXPORTED)
+        with Shown(progress) as shown:
+            return self.kept(text, named, result_of, timeout=timeout, progress=shown.of_json, name=EXPORTED)
 
     def kept(self, scene: str | Json, options: Mapping[str, Any], result_of: Callable[[Answer, bool], Any], **more: Any) -> Any:
         """Return what ``result_of`` makes of a request's answer; of a trace that is stopped, raise it as ``partial``.
@@ -172,7 +175,7 @@ class Session:
 
     def sweep(self, scene: NSQScene, numbers: Mapping[str, Sequence[float]], num_rays: int, *, zip: bool = False,
               common_draws: bool = True, maps: bool = False, seed: int = 0, max_depth: int = 16,
-              timeout: float | None = None, **options: Any) -> Sweep:
+              timeout: float | None = None, progress: Progress = None, **options: Any) -> Sweep:
         """Trace a scene with every combination of some numbers' values; the live scene stays as it is.
 
         A point that cannot be traced, such as a lens of negative thickness, is NaN, and NsqGpuWarning names it.
@@ -194,6 +197,7 @@ class Session:
             seed: Seed of the draws.
             max_depth: Largest number of events of a ray.
             timeout: Longest time of the whole sweep [s].
+            progress: As that of :class:`nsq_gpu.NsqGpuBackend`, with the rays of all points.
             options: Further options of ``nsq-gpu trace`` by their names.
 
         Raises:
@@ -207,20 +211,25 @@ class Session:
         known: set[str] = set()
 
         def trace_all(points: list[Point]) -> Iterator[Answer | NsqGpuError]:
+            rays = whole_number("num_rays", num_rays)
+            counted = Counter(shown, len(points) * rays)
             for values, index in points:
                 named = numbers_of_rays(num_rays, seed + index, max_depth) | options
                 left = None if deadline is None else max(deadline - time.monotonic(), 0.0)
                 try:
-                    answer = self.request(text, named, name=EXPORTED, numbers=values, timeout=left)
+                    answer = self.request(text, named, name=EXPORTED, numbers=values, timeout=left, progress=counted.of_json)
                 except TraceTimeoutError:
                     raise TraceTimeoutError(f"the sweep took longer than timeout = {timeout:g} s and was ended") from None
                 except (SceneError, UsageError) as error:
-                    yield of_names(error, text, values)
+                    found: Answer | NsqGpuError = of_names(error, text, values)
                 else:
                     warn_of(answer.report, answer.missed_target, known)
-                    yield answer
+                    found = answer
+                counted.add(rays)
+                yield found
 
-        return run(trace_all, numbers, zip, common_draws, maps)
+        with Shown(progress) as shown:
+            return run(trace_all, numbers, zip, common_draws, maps)
 
     def numbers(self, scene: NSQScene | str | Json, names: str | Sequence[str]) -> dict[str, float]:
         """Return numbers of a scene by their names: where an element stands, how wide a gap is.

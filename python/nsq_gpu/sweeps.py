@@ -16,9 +16,11 @@ from typing import Any
 import numpy as np
 
 from nsq_gpu import placing
-from nsq_gpu.arguments import missing
+from nsq_gpu.display import MOST_ROWS, Displayed, Summary, error_of, number
 from nsq_gpu.errors import NsqGpuError, NsqGpuWarning, SceneError, UsageError, warn, with_partial
+from nsq_gpu.labelled import MAPS, labels, table, xarray
 from nsq_gpu.paths import path_table
+from nsq_gpu.units import attributes, identifiers, unit_of
 
 Json = dict[str, Any]
 #: Numbers by their names, and what is added to the seed.
@@ -29,12 +31,10 @@ TOTALS = {"absorbed": "total_flux_absorbed", "bulk absorbed": "total_flux_bulk_a
           "escaped": "total_flux_escaped", "lost": "total_flux_lost"}
 #: Most points that a warning names because they cannot be traced.
 _MOST_NAMED = 10
-#: The array of a detector's map, by its kind.
-MAPS = {"irradiance": "irradiance", "spectral": "irradiance", "far_field": "intensity"}
 
 
-@dataclass(frozen=True)
-class Sweep:
+@dataclass(frozen=True, repr=False)
+class Sweep(Displayed):
     """The results of a sweep. Its arrays have an axis for each number, in their order; with ``zip`` one axis, ``point``."""
 
     #: The values of each number, by its name.
@@ -60,6 +60,8 @@ class Sweep:
     upper_bound_95: dict[str, np.ndarray] = field(default_factory=dict)
     #: True if the sweep was stopped. Points that were not traced have 0 rays, and their fluxes are NaN.
     partial: bool = False
+    #: The kind of each detector with maps, and the coordinates along their axes; those in which points differ are missing.
+    axes: dict[str, tuple[str, dict[str, np.ndarray]]] = field(default_factory=dict)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -143,31 +145,75 @@ class Sweep:
     def _num_known(self) -> int:
         return sum(self._is_known(place) for place, _ in self.points())
 
-    def to_xarray(self) -> Any:
-        """Return an ``xarray.Dataset``: variables ``NAME flux``, ``NAME standard_error`` and ``NAME map``, with units.
+    def to_pandas(self) -> Any:
+        """Return a ``pandas.DataFrame`` with a row a point: numbers, ``NAME_flux``, ``NAME_standard_error``, ...
+
+        ``attrs["units"]`` has the columns' units.
 
         Raises:
-            MissingLibraryError: xarray is not installed (``pip install nsq-gpu[xarray]``).
+            MissingLibraryError: pandas is not installed (``pip install 'nsq-gpu[pandas]'``).
         """
-        try:
-            import xarray
-        except ImportError:
-            raise missing("xarray", "xarray", "to_xarray needs") from None
-        names = ["point"] if self.zipped else list(self.values)
-        coordinates = {name: ("point" if self.zipped else name, values) for name, values in self.values.items()}
-        variables = {}
-        for name, flux in self.flux.items():
-            variables[f"{name} flux"] = (names, flux, {"units": "W"})
-        for name, error in self.standard_error.items():
-            variables[f"{name} standard_error"] = (names, error, {"units": "W"})
-        for name, bound in self.upper_bound_95.items():
-            variables[f"{name} upper_bound_95"] = (names, bound, {"units": "W"})
+        points = [point for _, point in self.points()]
+        plain = identifiers(self.values)
+        columns: dict[str, Any] = {plain[name]: [point[name] for point in points] for name in self.values}
+        units = {plain[name]: unit for name in self.values if (unit := unit_of(name)) is not None}
+        for name, (found, unit) in self._of_points().items():
+            columns[name] = found.ravel()
+            units |= {name: unit} if unit else {}
+        return table(columns, units)
+
+    def to_xarray(self) -> Any:
+        """Return an ``xarray.Dataset``: variables ``NAME_flux``, ``NAME_standard_error`` and ``NAME_map``, with units.
+
+        Coordinates are the numbers by their names, such as ``L1.r1`` in mm. Spaces in names become underscores.
+
+        Raises:
+            MissingLibraryError: xarray is not installed (``pip install 'nsq-gpu[xarray]'``).
+        """
+        library = xarray("to_xarray")
+        plain = identifiers(self.values)
+        names = ["point"] if self.zipped else list(plain.values())
+        coordinates: dict[str, Any] = {plain[name]: ("point" if self.zipped else plain[name], values, attributes(name))
+                                       for name, values in self.values.items()}
+        variables: dict[str, Any] = {name: (names, found, {"units": unit} if unit else {})
+                                     for name, (found, unit) in self._of_points().items()}
+        of_detectors = identifiers(self.flux)
         for name, found in self.maps.items():
-            axes = [f"{name} axis {i}" for i in range(found.ndim - len(names))]
-            variables[f"{name} map"] = ([*names, *axes], found, {"units": "W/mm^2, of far fields W/sr"})
-        variables["num_rays"] = (names, self.num_rays)
+            (kind, of_axes), plain_name = self.axes[name], of_detectors[name]
+            # Maps of different shapes lie in an array of objects, without axes of their own.
+            axes = [f"{plain_name}_{axis}" for axis in MAPS[kind].axes] if found.dtype != object else []
+            coordinates |= labels(kind, of_axes, plain_name) if axes else {}
+            variables[f"{plain_name}_map"] = ([*names, *axes], found, {"units": MAPS[kind].unit})
         refused = [f"point {place}: {problem}" for place, problem in self.refused.items()]
-        return xarray.Dataset(variables, coordinates, {"partial": int(self.partial), "refused": "\n".join(refused)})
+        return library.Dataset(variables, coordinates, {"partial": int(self.partial), "refused": "\n".join(refused)})
+
+    def _of_points(self) -> dict[str, tuple[np.ndarray, str]]:
+        """Return what each point has a number of, by names without spaces, with the unit."""
+        found: dict[str, tuple[np.ndarray, str]] = {}
+        for name, plain in identifiers(self.flux).items():
+            for what, arrays, unit in (("flux", self.flux, "W"), ("standard_error", self.standard_error, "W"),
+                                       ("rests_on", self.rests_on, "1"), ("upper_bound_95", self.upper_bound_95, "W")):
+                if name in arrays:
+                    found[f"{plain}_{what}"] = arrays[name], unit
+        return found | {"num_rays": (self.num_rays, "1")}
+
+    def _summary(self) -> Summary:
+        shown = [name for name in self.flux if name in self.standard_error or np.nansum(self.flux[name])]
+        headings = [f"{name} [{unit}]" if (unit := unit_of(name)) else name for name in self.values]
+        headings += [part for name in shown for part in ([f"{name} [W]", "error [W]"] if name in self.standard_error
+                                                         else [f"{name} [W]"])]
+        rows = []
+        for place, point in itertools.islice(self.points(), MOST_ROWS):
+            row = [number(value) for value in point.values()]
+            for name in shown:
+                row.append(number(self.flux[name][place]))
+                if name in self.standard_error:
+                    row.append(error_of(self.standard_error[name][place], self.rests_on[name][place]))
+            rows.append(row)
+        notes = [f"{len(self.refused)} points cannot be traced: see `refused`"] if self.refused else []
+        notes += [f"partial: {self._num_known()} of {math.prod(self.shape)} points"] if self.partial else []
+        size = " x ".join(map(str, self.shape))
+        return Summary(f"Sweep: {size} points of {', '.join(self.values)}", headings, rows, math.prod(self.shape), notes)
 
 
 def run(trace_all: Callable[[list[Point]], Iterable[Any]], numbers: Mapping[str, Sequence[float]], zipped: bool,
@@ -243,7 +289,11 @@ def _with(found: Sweep, place: tuple[int, ...], answer: Any, keep_maps: bool) ->
         put(found.rests_on, name, entry.get("rests_on", np.nan))
         put(found.upper_bound_95, name, entry.get("upper_bound_95", np.nan))
         if keep_maps and entry["kind"] in MAPS:
-            put(found.maps, name, answer.arrays(name)[MAPS[entry["kind"]]])
+            arrays, kind = answer.arrays(name), entry["kind"]
+            put(found.maps, name, arrays[MAPS[kind].array])
+            given = {axis: arrays[key] for axis, (key, _) in MAPS[kind].axes.items()}
+            known = found.axes.get(name, (kind, given))[1]
+            found.axes[name] = kind, {axis: values for axis, values in known.items() if np.array_equal(values, given[axis])}
     for name, key in TOTALS.items():
         # A detector may have the name of a total.
         put(found.flux, f"{name} (total)" if name in report["detectors"] else name, report[key])

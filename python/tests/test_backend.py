@@ -292,7 +292,7 @@ def test_progress_calls_back() -> None:
 def test_progress_draws_a_bar() -> None:
     with mock.patch("sys.stderr", io.StringIO()) as stream:
         traced(bench(), 3000, backend(progress=True))
-    assert "3,000 of 3,000 rays" in stream.getvalue() and stream.getvalue().endswith("\r")
+    assert "3.00k of 3.00k rays" in stream.getvalue() and stream.getvalue().endswith("\r")
 
 
 def test_progress_bar_shows_the_error() -> None:

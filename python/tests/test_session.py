@@ -283,8 +283,8 @@ def test_a_sweep_has_axes_with_units() -> None:
     with session() as one:
         found = one.sweep(singlet(), {"L.r1": [50.0, 60.0]}, 100, maps=True).to_xarray()
     assert isinstance(found, xarray.Dataset)
-    assert found["image flux"].dims == ("L.r1",) and found["image flux"].attrs["units"] == "W"
-    assert found["image map"].sizes["L.r1"] == 2 and list(found["L.r1"].values) == [50.0, 60.0]
+    assert found["image_flux"].dims == ("L.r1",) and found["image_flux"].attrs["units"] == "W"
+    assert found["image_map"].sizes["L.r1"] == 2 and list(found["L.r1"].values) == [50.0, 60.0]
 
 
 def test_a_sweep_of_nothing_is_refused_by_name() -> None:

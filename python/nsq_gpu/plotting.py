@@ -1,0 +1,164 @@
+"""Pictures of a result, drawn by Matplotlib: maps, far fields and spectra, with their units."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from nsq_gpu.errors import UsageError
+
+if TYPE_CHECKING:
+    from nsq_gpu.results import Result
+
+#: Most decades of a logarithmic scale.
+_DECADES = 6
+_PREFIXES = {"p": 1e-12, "n": 1e-9, "u": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}
+#: How much of a result's unit a unit is, and that unit.
+_PER = {"mm2": (1.0, "W/mm2"), "cm2": (1e-2, "W/mm2"), "m2": (1e-6, "W/mm2"), "sr": (1.0, "W/sr")}
+#: Sides that a circle is drawn with, at least.
+_PARTS = 180
+#: Kinds of detectors that have a picture, and the unit of their maps.
+_UNITS = {"irradiance": "W/mm2", "spectral": "W/mm2", "far_field": "W/sr"}
+
+
+def plot(result: Result, detector: str | None, *, scale: str, unit: str | None, wavelength: float | str | None, ax: Any,
+         **options: Any) -> Any:
+    """Draw what a detector saw; :meth:`nsq_gpu.results.Result.plot` says how."""
+    name = _chosen(result, detector)
+    kind = result.report_json["detectors"][name]["kind"]
+    found = result.detectors[name]
+    if scale not in ("linear", "log"):
+        raise UsageError(f"scale is {scale!r}; give 'linear' or 'log'")
+    if wavelength is not None and kind != "spectral":
+        raise UsageError(f"wavelength is {wavelength!r}, and {name!r} has no wavelengths: it is of the kind {kind}")
+    if kind == "spectral" and wavelength is None:
+        if unit is not None:
+            raise UsageError(f"unit is {unit!r}, and a spectrum is in W per bin; wavelength='all' draws the map of all light")
+        ax = _axes(ax)
+        _draw_spectrum(ax, found, result.report_json["detectors"][name], scale, options)
+        title = f"{name}: {found.total_flux:.4g} W"
+    elif kind == "far_field":
+        scaled = _scaled(found.intensity, unit, kind, scale)
+        ax = _axes(ax, projection="polar")
+        _draw_far_field(ax, found, *scaled, options)
+        title = f"{name}: {found.total_flux:.4g} W"
+    else:
+        values, at = _slice(found, wavelength)
+        scaled = _scaled(values, unit, kind, scale)
+        ax = _axes(ax)
+        _draw_map(ax, found, *scaled, options)
+        title = f"{name}{at}: {_flux(found, values):.4g} W"
+    ax.set_title(title + (", stopped before the end" if result.partial else ""))
+    return ax
+
+
+def _chosen(result: Result, detector: str | None) -> str:
+    """Return the name of the detector that is meant."""
+    kinds = {name: entry["kind"] for name, entry in result.report_json["detectors"].items()}
+    with_map = [name for name, kind in kinds.items() if kind in _UNITS]
+    listed = ", ".join(map(repr, with_map))
+    if detector is None and len(with_map) == 1:
+        return with_map[0]
+    if not with_map:
+        raise UsageError("the result has no map to draw: no detector is one of irradiance, a spectrum or a far field")
+    if detector is None:
+        raise UsageError(f"name the detector to draw, one of {listed}: result.plot({with_map[0]!r})")
+    if detector not in kinds:
+        raise UsageError(f"the result has no detector {detector!r}; it has {listed}")
+    if detector not in with_map:
+        raise UsageError(f"{detector!r} records single rays and has no map; {listed} can be drawn. "
+                         f"Its columns are result.detectors[{detector!r}].x, .y, .flux, ...")
+    return detector
+
+
+def _axes(ax: Any, projection: str | None = None) -> Any:
+    """Return the axes that are given, or new ones."""
+    if ax is None:
+        import matplotlib.pyplot as plt
+
+        ax = plt.subplots(layout="constrained", subplot_kw={"projection": projection})[1]
+    elif projection is not None and ax.name != projection:
+        raise UsageError(f"a far field is drawn on polar axes, and ax is {ax.name}; make them by "
+                         "plt.subplots(subplot_kw={'projection': 'polar'})")
+    return ax
+
+
+def _scaled(values: np.ndarray, unit: str | None, kind: str, scale: str) -> tuple[np.ndarray, str, Any]:
+    """Return values in their unit, its name for people, and what maps them to colours."""
+    from matplotlib.colors import LogNorm, Normalize
+
+    factor, label = _unit(unit, _UNITS[kind], float(values.max(initial=0.0)))
+    values = values / factor
+    top = float(values.max(initial=0.0))
+    if scale == "linear" or top <= 0.0:
+        return values, label, Normalize(0.0, top or 1.0)
+    lowest = float(values[values > 0.0].min())
+    return values, label, LogNorm(max(lowest, top * 10.0**-_DECADES) if lowest < top else top / 10.0, top, clip=True)
+
+
+def _unit(unit: str | None, base: str, top: float) -> tuple[float, str]:
+    """Return how much of the base unit a unit is, and its name for people."""
+    if unit is None:
+        fitting = [prefix for prefix, factor in _PREFIXES.items() if factor <= top]
+        unit = (fitting[-1] if fitting else "p" if top > 0.0 else "") + base
+    prefix, _, per = unit.replace("^", "").replace("²", "2").partition("W/")
+    if prefix not in _PREFIXES or per not in _PER:
+        raise UsageError(f"unit is {unit!r}; give W/mm2, W/cm2, W/m2 or W/sr, with a prefix such as in 'mW/cm2'")
+    factor, of = _PER[per]
+    if of != base:
+        raise UsageError(f"unit is {unit!r}, and the map is in {base}; give a unit such as {base!r}")
+    return _PREFIXES[prefix] * factor, f"{prefix.replace('u', 'µ')}W/{per.replace('2', '²')}"
+
+
+def _slice(found: Any, wavelength: float | str | None) -> tuple[np.ndarray, str]:
+    """Return the map of all light, or that of the bin next to a wavelength, and how a title names it."""
+    if found.irradiance.ndim == 2:
+        return found.irradiance, ""
+    if wavelength == "all":
+        return found.irradiance.sum(axis=2), ""
+    if isinstance(wavelength, str):
+        raise UsageError(f"wavelength is {wavelength!r}; give a number [um], or 'all'")
+    place = int(np.argmin(np.abs(found.wavelengths - wavelength)))
+    return found.irradiance[:, :, place], f" at {found.wavelengths[place]:.4g} µm"
+
+
+def _edges(centres: np.ndarray) -> tuple[float, float]:
+    """Return where the first pixel begins and the last one ends."""
+    half = (centres[-1] - centres[0]) / max(len(centres) - 1, 1) / 2.0 or abs(centres[0]) or 0.5
+    return float(centres[0] - half), float(centres[-1] + half)
+
+
+def _flux(found: Any, values: np.ndarray) -> float:
+    (left, right), (low, high) = _edges(found.x_coords), _edges(found.y_coords)
+    return float(values.sum()) * (right - left) * (high - low) / values.size
+
+
+def _draw_map(ax: Any, found: Any, values: np.ndarray, label: str, norm: Any, options: Any) -> None:
+    extent = (*_edges(found.x_coords), *_edges(found.y_coords))
+    image = ax.imshow(values, **{"origin": "lower", "extent": extent, "norm": norm, "interpolation": "nearest", **options})
+    ax.figure.colorbar(image, ax=ax, label=f"Irradiance [{label}]")
+    ax.set_xlabel("x [mm]")
+    ax.set_ylabel("y [mm]")
+
+
+def _draw_far_field(ax: Any, found: Any, values: np.ndarray, label: str, norm: Any, options: Any) -> None:
+    def edges(centres: np.ndarray, parts: int) -> np.ndarray:
+        return np.linspace(*_edges(centres), parts * len(centres) + 1)
+
+    # Cells have straight sides, which of wide ones cut off a part of the circle.
+    parts = max(_PARTS // len(found.phi), 1)
+    phi, theta = np.meshgrid(np.deg2rad(edges(found.phi, parts)), edges(found.theta, 1))
+    image = ax.pcolormesh(phi, theta, values.repeat(parts, axis=1), **{"norm": norm, **options})
+    ax.grid(False)
+    ax.figure.colorbar(image, ax=ax, label=f"Intensity [{label}]", pad=0.1)
+    ax.set_xlabel("theta [deg] outwards, phi [deg] around")
+
+
+def _draw_spectrum(ax: Any, found: Any, entry: dict[str, Any], scale: str, options: Any) -> None:
+    area = _flux(found, np.ones(found.irradiance.shape[:2])) / np.prod(found.irradiance.shape[:2])
+    flux = found.irradiance.sum(axis=(0, 1)) * area
+    ax.stairs(flux, np.linspace(*_edges(found.wavelengths), len(flux) + 1), **{"fill": scale == "linear", **options})
+    ax.set_xlabel("wavelength [µm]")
+    ax.set_ylabel("flux [W per bin]")
+    ax.set_yscale(scale)
