@@ -8,6 +8,8 @@
 # make test-random the comparison with NumPy on RANDOM_SCENES random scenes from RANDOM_SEED (`make test` has 37)
 # make test-torch  the comparison with Optiland's Torch backend, and Optiland's own tests of scenes (installs gigabytes)
 # make docs        builds the pages as a site, .docs/site/index.html; a broken link fails
+# make wheel       a wheel for any Linux on x86_64, and a source distribution, into dist/ (a whole release build)
+# make test-wheel  installs that wheel where there is no Rust, and does a first job there
 # make test-drivers  the same bits from a second driver, SwiftShader, out of Debian's package chromium-common
 # make clean       removes what the others made
 #
@@ -50,7 +52,7 @@ FAST_BINARY = $(abspath $(TARGET_FOLDER)/release/nsq-gpu)
 # What measures stands beside what it measures.
 FAST_BENCH = $(dir $(FAST_BINARY))nsq-bench
 
-.PHONY: demo docs bench bench-live accuracy fast-binary test test-rust test-python test-random test-torch test-drivers test-long test-plain test-bare gpu-report build adapter display rust-components clean
+.PHONY: demo docs wheel test-wheel bench bench-live accuracy fast-binary test test-rust test-python test-random test-torch test-drivers test-long test-plain test-bare gpu-report build adapter display rust-components clean
 
 demo:
 	@$(MAKE) --no-print-directory adapter BINARY=$(FAST_BINARY) BUILD_ARGS="--release -p nsq-gpu"
@@ -76,6 +78,17 @@ docs: .venv-docs/installed
 	ln -s $(abspath scenes/README.md) .docs/pages/scenes/
 	.venv-docs/bin/mkdocs build --strict -f docs/mkdocs.yml
 	@echo "written: .docs/site/index.html"
+
+# zig links against glibc 2.17, which every Linux with glibc and Python 3.11 has; no library comes along.
+wheel: .venv-wheel/installed
+	@$(call needs_cargo)
+	rm -rf dist
+	export PATH=$(abspath .venv-wheel/bin):$$PATH; cd python; \
+		maturin build --locked --zig --compatibility manylinux_2_17 --out ../dist; \
+		maturin sdist --out ../dist
+
+test-wheel: adapter wheel
+	NSQ_GPU_BINARY=$(BINARY) .venv-wheel/bin/python -m pytest -p no:cacheprovider tests/wheel
 
 test: test-rust test-python
 
@@ -120,7 +133,7 @@ test-drivers: adapter .drivers/installed
 	$(SECOND_DRIVER) cargo test --test strict -- --ignored drivers_on_processors_give_the_same_bits
 
 build:
-	@command -v cargo >/dev/null || { echo "cargo is missing: see https://rustup.rs" >&2; exit 1; }
+	@$(call needs_cargo)
 	@$(PART) build $(BUILD_BUDGET) cargo build $(BUILD_ARGS)
 
 # wgpu needs a Vulkan loader and a driver on Linux. Where the program finds no adapter, lavapipe is one in software.
@@ -158,6 +171,9 @@ rust-components:
 .venv-docs/installed: python/requirements-docs.txt
 	@$(call python_environment,.venv-docs,$<)
 
+.venv-wheel/installed: python/requirements-wheel.txt
+	@$(call python_environment,.venv-wheel,$<)
+
 # Unpacked, not installed: no other program finds the driver.
 .drivers/installed:
 	@command -v apt-get >/dev/null || { echo "SwiftShader is taken from a package of Debian" >&2; exit 1; }
@@ -167,7 +183,9 @@ rust-components:
 
 clean:
 	cargo clean
-	rm -rf demo-out bench-out accuracy-out gpu-report-out .venv .venv-torch .venv-docs .docs .drivers
+	rm -rf demo-out bench-out accuracy-out gpu-report-out dist .venv .venv-torch .venv-docs .venv-wheel .docs .drivers
+
+needs_cargo = command -v cargo >/dev/null || { echo "cargo is missing: see https://rustup.rs" >&2; exit 1; }
 
 # $(call python_environment,FOLDER,REQUIREMENTS): Debian packs ensurepip apart from Python.
 python_environment = \

@@ -387,7 +387,32 @@ fn a_machine_without_adapter_says_how_to_get_one() {
     let path = scene_path("bench_lens");
     for arguments in [vec!["trace", path.to_str().unwrap()], vec!["adapters"]] {
         let said = Said::of(&without_drivers(&mut command(&arguments)).output().unwrap());
-        said.refuses(NO_ADAPTER, &["adapter", "mesa-vulkan-drivers"]);
+        said.refuses(
+            NO_ADAPTER,
+            &["no adapter was found; ", "VK_DRIVER_FILES is set to `/nonexistent/icd.json`"],
+        );
+        let first = said.stderr.lines().next().unwrap();
+        assert!(first.contains("no adapter was found; ") && first.contains("lavapipe"), "{first}");
+    }
+}
+
+#[test]
+fn a_program_in_a_conda_environment_is_helped_by_conda() {
+    let prefix = tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap();
+    let program = prefix.path().join("bin/nsq-gpu");
+    std::fs::create_dir(program.parent().unwrap()).unwrap();
+    std::fs::hard_link(env!("CARGO_BIN_EXE_nsq-gpu"), &program).unwrap();
+    for (conda, helps) in [(prefix.path(), true), (Path::new("/nonexistent"), false)] {
+        let mut command = Command::new(&program);
+        command.arg("adapters").env("CONDA_PREFIX", conda);
+        let said = Said::of(&without_drivers(&mut command).output().unwrap());
+        said.refuses(NO_ADAPTER, &["lavapipe"]);
+        assert_eq!(
+            said.stderr.contains("`conda install"),
+            helps || !said.stderr.contains("apt-get"),
+            "{}",
+            said.stderr
+        );
     }
 }
 

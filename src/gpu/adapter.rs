@@ -3,6 +3,7 @@
 use crate::error::{Error, Result};
 use crate::gpu::adapter_class::AdapterClass;
 use crate::gpu::adapter_name::without_width;
+use crate::gpu::no_adapter;
 use std::sync::{Arc, Mutex, OnceLock};
 
 /// How to choose an adapter.
@@ -142,9 +143,6 @@ pub fn list_adapters() -> Vec<AdapterInfo> {
     adapters(&instance()).iter().map(describe).collect()
 }
 
-const HOW_TO_GET_AN_ADAPTER: &str = "install your GPU's Vulkan driver, or software Vulkan: \
-     `apt-get install libvulkan1 mesa-vulkan-drivers` on Debian or Ubuntu";
-
 impl Gpu {
     /// Opens the best adapter that fits.
     ///
@@ -153,7 +151,7 @@ impl Gpu {
     pub fn open(choice: &AdapterChoice) -> Result<Self> {
         let adapters = adapters(&instance());
         if adapters.is_empty() {
-            return Err(Error::NoAdapter(format!("no GPU adapter was found; {HOW_TO_GET_AN_ADAPTER}")));
+            return Err(Error::NoAdapter(no_adapter::message()));
         }
         let wanted = without_width(choice.name.as_deref().unwrap_or("")).to_lowercase();
         let name = |a: &wgpu::Adapter| without_width(&a.get_info().name);

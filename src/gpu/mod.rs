@@ -4,6 +4,7 @@ pub mod adapter;
 pub mod adapter_class;
 pub mod adapter_name;
 pub mod compute;
+mod no_adapter;
 pub mod processors;
 pub mod profile;
 pub mod rounding;
