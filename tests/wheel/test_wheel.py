@@ -5,6 +5,7 @@
 
 import json
 import os
+import platform
 import re
 import shutil
 import subprocess
@@ -18,7 +19,7 @@ from elftools.elf.elffile import ELFFile
 
 ROOT = Path(__file__).parents[2]
 DIST = ROOT / "dist"
-PLATFORM = "manylinux_2_17_x86_64"
+PLATFORM = f"manylinux_2_17_{platform.machine()}"
 # From `pip install`, with packages in pip's cache, to the first picture [s].
 TWO_MINUTES = 120
 # What a user's shell hands on, and what points to a driver here. No HOME: pip's settings alone come from there.
@@ -110,7 +111,7 @@ def test_the_tag_is_the_one_that_auditwheel_finds():
     wheel = only("*.whl")
     shown = " ".join(run([sys.executable, "-m", "auditwheel", "show", wheel]).split())
     assert f'is consistent with the following platform tag: "{PLATFORM}"' in shown, shown
-    assert wheel.stem.endswith(f"-py3-none-manylinux2014_x86_64.{PLATFORM}"), wheel.name
+    assert wheel.stem.endswith(f"-py3-none-manylinux2014_{platform.machine()}.{PLATFORM}"), wheel.name
 
 
 def test_no_cargo_is_in_reach(bare):
