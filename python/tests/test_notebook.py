@@ -161,3 +161,16 @@ def test_a_notebook_shows_a_table(kernel: Kernel, value: str, expected: str) -> 
 def test_a_notebook_shows_a_picture(kernel: Kernel) -> None:
     shown = kernel.data("%matplotlib inline\nsession.trace(scene, 100_000).plot(scale='log');")
     assert len(shown["image/png"]) > 5_000
+
+
+def test_the_cells_of_the_page_about_notebooks_run(kernel: Kernel, tmp_path: Path) -> None:
+    page = (live.ROOT / "docs" / "how-to" / "notebooks.md").read_text(encoding="utf-8")
+    cells = [part.split("```")[0] for part in page.split("```python\n")[1:]]
+    assert len(cells) >= 8
+    (tmp_path / "docs").symlink_to(live.ROOT / "docs")
+    assert kernel.printed(f"import os; os.chdir({str(tmp_path)!r})") == ""
+    for cell in cells:
+        if "last_value" not in cell:
+            assert kernel.printed(cell.replace("1_000_000", "20_000").replace("100_000", "2_000")) == ""
+    assert kernel.printed("print(nsq_gpu.load('run_1').num_rays_total, found.shape)") == "20000 (11, 2)\n"
+    kernel.run(f"nsq_gpu.use(None); os.chdir({str(FOLDER)!r})")
