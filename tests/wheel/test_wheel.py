@@ -7,6 +7,7 @@ import json
 import os
 import platform
 import re
+import resource
 import shutil
 import subprocess
 import sys
@@ -20,7 +21,7 @@ from elftools.elf.elffile import ELFFile
 ROOT = Path(__file__).parents[2]
 DIST = ROOT / "dist"
 PLATFORM = f"manylinux_2_17_{platform.machine()}"
-# From `pip install`, with packages in pip's cache, to the first picture [s].
+# From `pip install`, with packages in pip's cache, to the first picture. Of processors [s], because others may use them too.
 TWO_MINUTES = 120
 # What a user's shell hands on, and what points to a driver here. No HOME: pip's settings alone come from there.
 HANDED_ON = ("LANG", "TMPDIR", "XDG_RUNTIME_DIR", "VK_DRIVER_FILES", "VK_ICD_FILENAMES", "VK_ADD_DRIVER_FILES")
@@ -47,6 +48,20 @@ def blocks(language):
     return re.findall(rf"```{language}\n(.*?)```", section, re.DOTALL)
 
 
+class Clock:
+    """What has passed since its start, on the wall and on processors [s]."""
+
+    def __init__(self):
+        self.start = self._now()
+
+    def _now(self):
+        used = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return time.monotonic(), used.ru_utime + used.ru_stime
+
+    def passed(self):
+        return [now - start for now, start in zip(self._now(), self.start, strict=True)]
+
+
 class Bare:
     """A virtual environment with the wheel and what pip brings with it. Neither cargo nor the repository is in reach."""
 
@@ -57,9 +72,8 @@ class Bare:
         pip = [self.prefix / "bin/pip", "--disable-pip-version-check", "--quiet"]
         run([*pip, "download", wheel, "-d", folder / "cached"])
         shutil.rmtree(folder / "cached")
-        begun = time.monotonic()
+        self.clock = Clock()
         run([*pip, "install", wheel], env={**os.environ, "PATH": self.path()})
-        self.installed_in = time.monotonic() - begun
 
     def path(self):
         folders = [self.prefix / "bin", Path("/usr/bin"), Path("/bin")]
@@ -84,10 +98,9 @@ def bare(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def first_picture(bare):
-    """Do what the page says, and return the seconds since `pip install` began."""
-    begun = time.monotonic()
+    """Do what the page says, and return what has passed since `pip install` began."""
     bare.python(blocks("python")[0])
-    return bare.installed_in + time.monotonic() - begun
+    return bare.clock.passed()
 
 
 @pytest.fixture(scope="session")
@@ -127,10 +140,11 @@ def test_symbols_are_stripped(bare):
 
 
 def test_the_first_picture_takes_less_than_two_minutes(bare, first_picture, capsys):
+    wall, processors = first_picture
     with capsys.disabled():
-        print(f"\npip install {bare.installed_in:.0f} s, first picture after {first_picture:.0f} s")
+        print(f"\nfrom pip install to the first picture: {wall:.0f} s, of processors {processors:.0f} s")
     assert colours(bare, bare.home / "ghosts.png") > 100
-    assert first_picture < TWO_MINUTES
+    assert processors < TWO_MINUTES
 
 
 def test_the_command_traces_what_python_wrote_to_the_same_flux(bare, first_picture):
