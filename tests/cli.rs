@@ -169,6 +169,11 @@ fn text_report_names_detectors_and_ledger_on_stdout_alone() {
     }
     let said = trace("bench_lens", &[]);
     assert!(said.succeeds().contains('D') && said.stdout.contains("detected"), "{}", said.stdout);
+    // A time that counts from the command's start and one that counts from the trace's start do not share a line.
+    let times = |line: &&str| line.split([' ', ',', ';']).filter(|word| *word == "s").count();
+    let counts: Vec<usize> =
+        said.stdout.lines().map(|line| times(&line)).filter(|count| *count > 0).collect();
+    assert_eq!(counts, [1, 1], "{}", said.stdout);
     assert_eq!(said.stderr, "");
 }
 

@@ -5,7 +5,7 @@
 
 use assert_cmd::Command;
 use assert_cmd::cargo::CommandCargoExt;
-use eframe::egui::{Key, Pos2, Vec2};
+use eframe::egui::{Key, Pos2, Rect, Vec2};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
 use ndarray::{Array1, Array2, Array3};
@@ -17,8 +17,9 @@ use nsq_gpu::result::picture::scale::ScaleKind;
 use nsq_gpu::result::{DetectorData, Grouping, LightPath};
 use nsq_gpu::viewer::light::{RaysOfPaths, ShownLight, TableStage};
 use nsq_gpu::viewer::model::{Picture, RegionFigures, Subject};
+use nsq_gpu::viewer::plot::View;
 use nsq_gpu::viewer::region::{Region, RegionOutline};
-use nsq_gpu::viewer::settings::Settings;
+use nsq_gpu::viewer::settings::{Plane, Settings};
 use nsq_gpu::viewer::tracing::{Device, State};
 use nsq_gpu::viewer::two_results::ComparisonMode;
 use nsq_gpu::viewer::{App, Model, screenshot};
@@ -584,6 +585,39 @@ fn the_side_view_shows_the_scene_and_its_rays() {
     }
 }
 
+/// The view that is asked for is on the screen: the tighter range to its ends, the other one in its middle.
+#[test]
+fn the_side_view_shows_the_part_that_is_asked_for() {
+    if !has_adapter("the_side_view_shows_the_part_that_is_asked_for") {
+        return;
+    }
+    let mut window = window(model(&results("searchlight", 0)));
+    let view = |window: &Window| window.state().frame().unwrap().view;
+    let ((low, high), (bottom, top)) = ((-31.0, -24.0), (-61.0, 61.0));
+    window.state_mut().show_side_view(Plane::ZY, View::new((low, high), (bottom, top)));
+    window.run();
+    assert_eq!(window.state().model.subject, Subject::Scene);
+    let View { x, y } = view(&window);
+    assert!((y.0 - bottom).abs() < 1e-9 && (y.1 - top).abs() < 1e-9, "{y:?}");
+    assert!((x.0 + x.1 - low - high).abs() < 1e-9 && x.0 < low && x.1 > high, "{x:?}");
+    let frame = window.state().frame().unwrap();
+    let (across, up) = (frame.place((1.0, 0.0)).x - frame.place((0.0, 0.0)).x, frame.place((0.0, 0.0)).y);
+    assert!(
+        (across / (up - frame.place((0.0, 1.0)).y) - 1.0).abs() < 1e-3,
+        "a millimetre is as long along both axes"
+    );
+    // Other planes are as they were, and the key for the whole is that of the user's own zoom.
+    click(&mut window, "x–y");
+    assert!(view(&window).y.1 > 90.0);
+    click(&mut window, "z–y");
+    assert_eq!(view(&window), frame.view);
+    window.get_by_label("Plot: scene").focus();
+    window.run();
+    window.key_press(Key::Num0);
+    window.run();
+    assert!(view(&window).y.1 > 90.0);
+}
+
 #[test]
 fn what_is_shown_is_exported() {
     if !has_adapter("what_is_shown_is_exported") {
@@ -694,6 +728,30 @@ fn paths_are_shown_alone_and_add_up() {
     assert!(ghosts.sum() > 0.0 && ghosts.sum() < 0.1 * whole.sum());
     click(&mut window, "None");
     assert_eq!((window.state().model.light.shown(), values(&mut window)), (ShownLight::Whole, whole));
+}
+
+/// A sequence that is cut off in its row stands whole beside the pointer.
+#[test]
+fn a_sequence_that_is_cut_off_shows_whole_on_hover() {
+    if !has_adapter("a_sequence_that_is_cut_off_shows_whole_on_hover") {
+        return;
+    }
+    let mut window = followed("stacked_plates_ghosts");
+    click(&mut window, "sequence");
+    finish(&mut window);
+    let rows = path_rows(&window);
+    let row = rows.iter().take(20).max_by_key(|row| row.sequence.len()).unwrap();
+    let place = window.get_by_label(&row.sequence).rect().center();
+    window.hover_at(place);
+    // A pointer that rests shows a hint after half a second.
+    for _ in 0..60 {
+        window.step();
+    }
+    let whole = format!("{}\n", row.sequence);
+    let hint = window.query_by_label_contains(&whole);
+    let hint = hint.unwrap_or_else(|| panic!("no hint has {}", row.sequence));
+    let screen = Rect::from_min_size(Pos2::ZERO, Vec2::new(1440.0, 900.0));
+    assert!(screen.contains_rect(hint.rect()), "{:?} is cut off", hint.rect());
 }
 
 /// Where not every row has a map, the rest is what the detector has besides.
@@ -822,6 +880,43 @@ fn the_table_and_the_map_of_a_path_are_exported() {
     click(&mut window, "Table of paths (CSV)");
     assert!(window.state().model.messages.last().unwrap().contains("no table of paths"));
     finish(&mut window);
+}
+
+/// Rows are read, and chosen, while their maps are traced.
+#[test]
+fn the_table_shows_before_its_maps() {
+    if !has_adapter("the_table_shows_before_its_maps") {
+        return;
+    }
+    let mut window = followed("cooke_triplet");
+    // So many rays that the second trace takes longer than a few frames.
+    window.state_mut().model.run.num_rays = 1 << 40;
+    click(&mut window, "Follow again");
+    let deadline = Instant::now() + Duration::from_secs(300);
+    let wait_for = |window: &mut Window, is_there: &dyn Fn(&TableStage) -> bool| {
+        while !is_there(&window.state().model.light.stage()) {
+            assert!(Instant::now() < deadline, "{:?}", window.state().model.light.stage());
+            std::thread::sleep(Duration::from_millis(2));
+            window.run();
+        }
+    };
+    wait_for(&mut window, &|stage| matches!(stage, TableStage::Following(rays) if *rays > 1 << 19));
+    click(&mut window, "End here");
+    wait_for(&mut window, &|stage| *stage == TableStage::Mapping);
+    let early = path_rows(&window);
+    assert!(early.len() > 5 && !window.state().model.light.listing().unwrap().has_maps());
+    assert!(window.query_by_label_contains("maps follow").is_some());
+    click(&mut window, &early[1].sequence);
+    assert_eq!(window.state().model.light.shown(), ShownLight::Row(1));
+    assert_eq!(window.state().model.light.stage(), TableStage::Mapping, "the choice came before the maps");
+    finish(&mut window);
+    // What was chosen stays, and has its map now.
+    assert_eq!(window.state().model.light.shown(), ShownLight::Row(1));
+    assert!((window.state().model.detector().unwrap().total_flux / early[1].flux - 1.0).abs() < 1e-12);
+    let sums = |row: &LightPath| (row.rank, row.sequence.clone(), row.flux, row.num_rays);
+    let rows = path_rows(&window);
+    assert!(early.iter().map(sums).eq(rows.iter().map(sums)), "maps change no row");
+    assert!(early[1].centroid.is_none() && rows[1].centroid.is_some());
 }
 
 #[test]
@@ -1002,11 +1097,34 @@ fn the_command_draws_a_picture() {
     let reader = decoder.read_info().unwrap();
     assert_eq!((reader.info().width, reader.info().height), (900, 600));
     view(&[&scene, "-n", "5000", "--where", "reflections == 2", "--path", "1", "--side-view"]).success();
+    let picture = |arguments: &[&str]| {
+        view(&[&[scene.as_str(), "-n", "5000"], arguments].concat()).success();
+        read_png_info(&file).1
+    };
+    let whole = picture(&["--side-view"]);
+    let zoomed = picture(&["--zoom", "z=-5:15,y=-9:9"]);
+    assert!(differing(&whole, &zoomed) > 0.02);
+    // The time that the trace took stands in the window, too.
+    let again = picture(&["--zoom", "y=-9:9,z=-5:15", "--side-view"]);
+    assert!(differing(&zoomed, &again) < 0.001, "{}", differing(&zoomed, &again));
+    assert!(differing(&whole, &picture(&["--fit", "L3", "--fit", "L1.front"])) > 0.02);
     for (arguments, problems) in [
         (&["--detector", "nobody"][..], &["'nobody'", "image, stray"][..]),
         (&["--where", "reflexions == 2"], &["--where", "column 1", "did you mean `reflections`"]),
         (&["-n", "5000", "--path", "9999"], &["rank 9999", "ranks 1 to "]),
         (&["--path", "0"], &["--path"]),
+        (&["--fit", "L33"], &["--fit \"L33\"", "did you mean `L3`?"]),
+        (&["--fit", "stray"], &["--fit \"stray\"", "no place"]),
+        (&["--fit", "L3", "--zoom", "z=0:1,y=0:1"], &["--zoom"]),
+        (&["--zoom", "z=-5:15,y=9:-9"], &["--zoom", "`y=9:-9` is reversed; write y=-9:9"]),
+        (&["--zoom", "z=4:4,y=-9:9"], &["--zoom", "`z=4:4` is empty"]),
+        (&["--zoom", "-5:15,-9:9"], &["--zoom", "`-5:15` names no axis; write z=-5:30,y=-12:12"]),
+        (&["--zoom", "z=-5:15"], &["two ranges"]),
+        (&["--zoom", "z=-5:15,z=0:1"], &["`z` and `z` are not the axes"]),
+        (&["--zoom", "z=a:15,y=0:1"], &["`a` in `z=a:15` is not a number"]),
+        (&["--zoom", "z=0:nan,y=0:1"], &["`nan`"]),
+        (&["--zoom", "z=0,y=0:1"], &["`z=0` has no `:`"]),
+        (&["--zoom", "z=0:1e-9,y=0:1e-9"], &["--zoom", "a million times smaller", "mm"]),
     ] {
         let output = view(&[&[scene.as_str()], arguments].concat()).code(2).get_output().stderr.clone();
         let said = String::from_utf8(output).unwrap();
@@ -1024,6 +1142,9 @@ fn the_command_draws_a_picture() {
     let traced = results("cooke_triplet", 0).display().to_string();
     let output = view(&[&traced, "--where", "reflections == 2"]).code(2).get_output().stderr.clone();
     assert!(String::from_utf8(output).unwrap().contains("--where is for traces"));
+    let output = view(&["--help"]).success().get_output().stdout.clone();
+    let help = String::from_utf8(output).unwrap();
+    assert!(help.contains("nsq-gpu view lamp.json --fit lens"), "{help}");
 }
 
 #[test]

@@ -5,11 +5,13 @@ use crate::cli::stops::stop_on_interrupt;
 use crate::count;
 use crate::error::{Error, Result};
 use crate::format::path_text;
-use crate::model::PathFilter;
+use crate::model::{PathFilter, SceneIr};
 use crate::result::picture::scale::ScaleKind;
 use crate::viewer::light::ShownLight;
 use crate::viewer::model::Subject;
-use crate::viewer::settings::Settings;
+use crate::viewer::plot::View;
+use crate::viewer::settings::{Plane, Settings};
+use crate::viewer::silhouettes::{fit, home, silhouettes};
 use crate::viewer::tracing::{Device, Notify};
 use crate::viewer::two_results::ComparisonMode;
 use crate::viewer::{App, Model, Waker, open, screenshot};
@@ -19,6 +21,8 @@ use std::sync::atomic::Ordering;
 
 /// Arguments of `nsq-gpu view`.
 #[derive(Debug, Clone, clap::Args)]
+#[command(after_help = "Examples: nsq-gpu view lamp.json --fit lens --screenshot lens.png\n          \
+                        nsq-gpu view lamp.json --zoom z=-5:30,y=-12:12 --screenshot lens.png")]
 pub struct Args {
     /// A scene file, which is traced while you look on, or a folder that `trace -o` wrote.
     path: PathBuf,
@@ -46,6 +50,15 @@ pub struct Args {
     /// Show the scene from the side first, with a few hundred rays.
     #[arg(long)]
     side_view: bool,
+    /// Show this part of the scene from the side, in mm: z=-5:30,y=-12:12. The axes are z and y, z and x, or x and y. All
+    /// of both ranges is shown: one of them grows, until a millimetre is as long along both axes.
+    #[arg(long, value_name = "AXIS=LOW:HIGH,AXIS=LOW:HIGH", value_parser = parse_zoom, allow_hyphen_values = true)]
+    #[arg(conflicts_with = "detector")]
+    zoom: Option<(Plane, View)>,
+    /// Show the scene from the side, and of it what is called so: an element, a face, a source or a detector; "L*" is all
+    /// that begins so. Given several times, all of them.
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["detector", "zoom"])]
+    fit: Vec<String>,
     /// Open the table of paths: light by what happened to it.
     #[arg(long)]
     paths: bool,
@@ -98,6 +111,44 @@ fn parse_size(text: &str) -> std::result::Result<(f32, f32), String> {
     let side = |side: &str| side.parse::<f32>().ok().filter(|side| (320.0..=8192.0).contains(side));
     let sides = text.split_once('x').and_then(|(width, height)| Some((side(width)?, side(height)?)));
     sides.ok_or_else(|| format!("`{text}` is not a size; write 1440x900, each side in 320..=8192"))
+}
+
+/// Two ranges of the side view: their axes and bounds \[mm\].
+fn parse_zoom(text: &str) -> std::result::Result<(Plane, View), String> {
+    let example = "write z=-5:30,y=-12:12, in mm";
+    let mut ranges = Vec::new();
+    for part in text.split(',') {
+        let (axis, range) =
+            part.split_once('=').ok_or_else(|| format!("`{part}` names no axis; {example}"))?;
+        let (low, high) = range.split_once(':').ok_or_else(|| format!("`{part}` has no `:`; {example}"))?;
+        let number = |text: &str| {
+            let number = text.trim().parse::<f64>().ok().filter(|number| number.is_finite());
+            number.ok_or_else(|| format!("`{text}` in `{part}` is not a number; {example}"))
+        };
+        let (low, high) = (number(low)?, number(high)?);
+        match low.partial_cmp(&high) {
+            Some(std::cmp::Ordering::Less) => ranges.push((axis.trim(), (low, high))),
+            Some(std::cmp::Ordering::Equal) => return Err(format!("`{part}` is empty; {example}")),
+            _ => return Err(format!("`{part}` is reversed; write {axis}={high}:{low}")),
+        }
+    }
+    let [(first, _), (second, _)] = ranges[..] else {
+        return Err(format!(
+            "a part of the side view has two ranges, and `{text}` has {}; {example}",
+            ranges.len()
+        ));
+    };
+    let range = |wanted: &str| ranges.iter().find(|(axis, _)| *axis == wanted).map(|(_, range)| *range);
+    let mut views = Plane::ALL.into_iter().filter_map(|(plane, _)| {
+        let (across, up) = plane.axes();
+        Some((plane, View::new(range(across)?, range(up)?)))
+    });
+    let none = || {
+        format!(
+            "`{first}` and `{second}` are not the axes of a side view; they are z and y, z and x, or x and y"
+        )
+    };
+    views.next_back().ok_or_else(none)
 }
 
 fn parse_picture(text: &str) -> std::result::Result<PathBuf, String> {
@@ -203,6 +254,7 @@ fn app(args: &Args, settings: Settings, notify: Notify) -> Result<App> {
     } else if args.side_view {
         model.subject = Subject::Scene;
     }
+    let part = part_of_side_view(args, &model)?;
     if model.a().is_none() {
         model.trace();
     }
@@ -218,6 +270,37 @@ fn app(args: &Args, settings: Settings, notify: Notify) -> Result<App> {
         model.light.ask_for(rank);
     }
     let mut app = App::new(model);
+    if let Some((plane, view)) = part {
+        app.show_side_view(plane, view);
+    }
     app.frames_left = args.frames;
     Ok(app)
+}
+
+/// The part of the side view that --zoom or --fit asks for.
+fn part_of_side_view(args: &Args, model: &Model) -> Result<Option<(Plane, View)>> {
+    if args.zoom.is_none() && args.fit.is_empty() {
+        return Ok(None);
+    }
+    let problem = "--zoom and --fit need the scene file of these results, which was not found";
+    let ir = &model.scene().ok_or_else(|| Error::Usage(problem.into()))?.ir;
+    let plane = model.settings.plane;
+    match args.zoom {
+        None => Ok(Some((plane, fit(ir, plane, &args.fit)?))),
+        Some((plane, view)) => checked(ir, plane, view).map(|view| Some((plane, view))),
+    }
+}
+
+/// Refuses a view in which nothing can be drawn.
+fn checked(ir: &SceneIr, plane: Plane, view: View) -> Result<View> {
+    let home = home(&silhouettes(ir, plane));
+    if view.is_sensible(&home) {
+        return Ok(view);
+    }
+    let ((across, up), View { x, y }) = (plane.axes(), home);
+    Err(Error::Usage(format!(
+        "--zoom: the part is more than a million times smaller, or a thousand times larger, than the scene, which has \
+         {across}={:.4}:{:.4},{up}={:.4}:{:.4} mm",
+        x.0, x.1, y.0, y.1
+    )))
 }

@@ -60,20 +60,21 @@ impl TraceResult {
         )
     }
 
-    /// How long the trace took, in a line; nothing where nobody measured it.
+    /// How long the trace took, and in a line of its own when it began: nothing where nobody measured it.
     fn timing(&self) -> String {
         let run = &self.run;
         if run.trace_time_sec == 0.0 {
             return String::new();
         }
-        let first_rays =
-            run.first_rays_sec.map(|sec| format!("; first rays after {} s", significant(sec, 3)));
+        let from_start =
+            |sec| format!("{} s from the start of the command to the first rays\n", significant(sec, 3));
+        let first_rays = run.first_rays_sec.map(from_start);
         let before = match run.num_rays_before {
             0 => String::new(),
             rays => format!("; went on from {} rays", thousands(rays)),
         };
         format!(
-            "{} s, {} rays/s{}{before}\n",
+            "{} s of tracing, {} rays/s{before}\n{}",
             significant(run.trace_time_sec, 3),
             thousands(run.rays_per_sec(self.num_rays_total).round() as u64),
             first_rays.unwrap_or_default(),

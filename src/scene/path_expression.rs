@@ -454,15 +454,17 @@ fn matching<'a>(pattern: &str, names: impl Iterator<Item = &'a str>) -> Vec<u32>
 
 /// The surfaces of a name: its own, or all of a component.
 fn matching_surfaces(pattern: &str, ir: &SceneIr) -> Vec<u32> {
-    let is_it = |surface: &u32| {
-        let name = ir.surface_name(*surface as usize);
-        glob(pattern, &name) || name.rsplit_once('.').is_some_and(|(component, _)| glob(pattern, component))
-    };
+    let is_it = |surface: &u32| is_surface_of(pattern, &ir.surface_name(*surface as usize));
     (0..ir.surfaces.len() as u32).filter(is_it).collect()
 }
 
+/// True if a pattern stands for the surface of this name, or for its component.
+pub(crate) fn is_surface_of(pattern: &str, name: &str) -> bool {
+    glob(pattern, name) || name.rsplit_once('.').is_some_and(|(component, _)| glob(pattern, component))
+}
+
 /// True if a text is one for which a pattern stands: `*` is any characters.
-fn glob(pattern: &str, text: &str) -> bool {
+pub(crate) fn glob(pattern: &str, text: &str) -> bool {
     let mut pieces = pattern.split('*');
     let Some(rest) = text.strip_prefix(pieces.next().unwrap_or_default()) else { return false };
     let pieces: Vec<&str> = pieces.collect();

@@ -5,7 +5,7 @@ use crate::gpu::Gpu;
 use crate::model::shapes::Outline;
 use crate::model::surface_optics::splits;
 use crate::model::{DetectorKind, PathFilter, RayDatabase, SceneIr, Sequence, ray_id};
-use crate::paths::rows::{PathMap, TableOptions, flux_unit, table_with_maps};
+use crate::paths::rows::{self, PathMap, TableOptions, flux_unit, table_with_maps};
 use crate::result::{
     DetectorTally, FluxSum, FluxUnit, Grouping, PathColumns, PathEvent, PathTable, RayPaths, RowWriter,
     Sorting, Tally,
@@ -151,8 +151,16 @@ pub struct Listing {
     maps: Vec<Option<PathMap>>,
 }
 
-/// Lists a detector's light by its path, with maps by a second trace.
-pub(crate) fn list(
+/// Lists a detector's light by its path, without maps: nothing is traced.
+pub(crate) fn list(followed: &Arc<Followed>, detector: usize, group: Grouping) -> Listing {
+    let options = TableOptions { group, sort: Sorting::Flux, detector: Some(detector), num_maps: 0 };
+    let Followed { scene, options: traced, tally, .. } = followed.as_ref();
+    let table = rows::table(&scene.ir, tally, followed.unit(), traced.sampler, &options);
+    Listing { followed: followed.clone(), detector, table, maps: Vec::new() }
+}
+
+/// The same table with maps of its first rows, by a second trace.
+pub(crate) fn list_with_maps(
     device: &Device,
     followed: &Arc<Followed>,
     detector: usize,

@@ -3,7 +3,9 @@
 use crate::error::{Error, Result};
 use crate::model::path_filter::MOST_PATTERNS;
 use crate::result::{Detector, Grouping, LightPath};
-use crate::viewer::following::{Followed, LightRays, Listing, Work, find_rays, follow, list};
+use crate::viewer::following::{
+    Followed, LightRays, Listing, Watch, Work, find_rays, follow, list, list_with_maps,
+};
 use crate::viewer::tracing::{Device, LoadedScene, Notify, RunOptions};
 use std::sync::Arc;
 
@@ -57,9 +59,11 @@ pub enum TableStage {
     None,
     /// Light is being summed up by its path; the number of rays done.
     Following(u64),
-    /// The maps of rows are being traced.
+    /// Rows are made of the sums.
     Listing,
-    /// There is a table.
+    /// There is a table, and the maps of its rows are being traced.
+    Mapping,
+    /// There is a table, and nothing further comes.
     Listed,
     /// There is none, and why.
     Failed(String),
@@ -68,6 +72,14 @@ pub enum TableStage {
 /// A detector's number, and which sequences make a row.
 type TableRequest = (usize, Grouping);
 
+/// A table that is being made.
+struct Making {
+    wanted: TableRequest,
+    /// True while maps are traced for a table that is shown already.
+    is_of_maps: bool,
+    work: Work<Listing>,
+}
+
 /// Light by its path, and what the user does with it.
 pub struct Light {
     /// True if the panel is shown.
@@ -75,7 +87,7 @@ pub struct Light {
     group: Grouping,
     following: Option<Work<Followed>>,
     followed: Option<Arc<Followed>>,
-    listing: Option<(TableRequest, Work<Listing>)>,
+    making: Option<Making>,
     listed: Option<(TableRequest, Arc<Listing>)>,
     failed: Option<(Option<TableRequest>, String)>,
     /// The rank of a row that is shown as soon as there is a table.
@@ -99,7 +111,7 @@ impl Default for Light {
             group: Grouping::Faces,
             following: None,
             followed: None,
-            listing: None,
+            making: None,
             listed: None,
             failed: None,
             asked: None,
@@ -131,7 +143,7 @@ impl Light {
 
     /// Forgets the table: another trace has begun.
     pub fn forget(&mut self) {
-        (self.following, self.followed, self.listing, self.failed) = (None, None, None, None);
+        (self.following, self.followed, self.making, self.failed) = (None, None, None, None);
         self.rays = None;
         self.unlist();
     }
@@ -145,7 +157,7 @@ impl Light {
     /// Ends the work that goes on, with what there is.
     pub fn stop(&self) {
         self.following.iter().for_each(Work::stop);
-        self.listing.iter().for_each(|(_, work)| work.stop());
+        self.making.iter().for_each(|making| making.work.stop());
     }
 
     /// Takes what the background has finished, and begins what the table of the detector of this number lacks.
@@ -155,14 +167,7 @@ impl Light {
             Some(Err(error)) => (self.following, self.failed) = (None, Some((None, error.to_string()))),
             None => {}
         }
-        let listed = self.listing.as_ref().and_then(|(wanted, work)| Some((*wanted, work.take()?)));
-        if let Some((wanted, outcome)) = listed {
-            self.listing = None;
-            match outcome {
-                Ok(listing) => self.set(wanted, listing),
-                Err(error) => self.failed = Some((Some(wanted), error.to_string())),
-            }
-        }
+        self.take_table(context);
         if let Some((_, state)) = &mut self.rays
             && let RaysState::Searching(work) = state
             && let Some(outcome) = work.take()
@@ -177,21 +182,44 @@ impl Light {
         if self.listed.as_ref().is_some_and(|(listed, _)| *listed != wanted) {
             self.unlist();
         }
-        let is_under_way = self.listing.as_ref().is_some_and(|(listing, _)| *listing == wanted);
+        let is_under_way = self.making.as_ref().is_some_and(|making| making.wanted == wanted);
         let has_failed = self.failed.as_ref().is_some_and(|(failed, _)| failed.is_none_or(|of| of == wanted));
         if self.listed.is_none() && !is_under_way && !has_failed {
-            let device = context.device.clone();
-            let work = Work::start(
-                move |watch| list(&device, &followed, detector, wanted.1, watch),
-                context.notify.clone(),
-            );
-            self.listing = Some((wanted, work));
+            let work = Work::start(move |_| Ok(list(&followed, detector, wanted.1)), context.notify.clone());
+            self.making = Some(Making { wanted, is_of_maps: false, work });
+        }
+    }
+
+    /// Takes the table that is made. Maps are traced for it while it is shown.
+    fn take_table(&mut self, context: &Context) {
+        let Some(making) = self.making.take() else { return };
+        let wanted = making.wanted;
+        match making.work.take() {
+            None => self.making = Some(making),
+            Some(Err(error)) => self.failed = Some((Some(wanted), error.to_string())),
+            Some(Ok(listing)) => {
+                let followed = listing.followed.clone();
+                self.set(wanted, listing);
+                if !making.is_of_maps {
+                    let device = context.device.clone();
+                    let trace =
+                        move |watch: &Watch| list_with_maps(&device, &followed, wanted.0, wanted.1, watch);
+                    let work = Work::start(trace, context.notify.clone());
+                    self.making = Some(Making { wanted, is_of_maps: true, work });
+                }
+            }
         }
     }
 
     fn set(&mut self, wanted: TableRequest, listing: Listing) {
         let num_rows = listing.table.paths.len();
+        let is_shown = self.listed.as_ref().is_some_and(|(listed, _)| *listed == wanted);
         self.listed = Some((wanted, Arc::new(listing)));
+        if is_shown {
+            // The maps have come. What the user chose in the meantime stays.
+            self.refresh();
+            return;
+        }
         (self.shown, self.ticked, self.rest_is_ticked) = (ShownLight::Whole, vec![false; num_rows], false);
         if let Some(rank) = self.asked.take() {
             let row = (rank as usize).wrapping_sub(1);
@@ -210,7 +238,8 @@ impl Light {
         if let Some(work) = &self.following {
             return TableStage::Following(work.done());
         }
-        match (&self.listed, &self.listing, &self.failed) {
+        match (&self.listed, &self.making, &self.failed) {
+            (Some(_), Some(making), _) if making.is_of_maps => TableStage::Mapping,
             (_, Some(_), _) => TableStage::Listing,
             (Some(_), None, _) => TableStage::Listed,
             (None, None, Some((_, problem))) => TableStage::Failed(problem.clone()),
@@ -227,7 +256,7 @@ impl Light {
     /// True while nothing further comes by itself.
     pub fn is_idle(&self) -> bool {
         let is_searching = matches!(self.rays, Some((_, RaysState::Searching(_))));
-        self.following.is_none() && self.listing.is_none() && !is_searching
+        self.following.is_none() && self.making.is_none() && !is_searching
     }
 
     /// The table and its maps.
@@ -468,8 +497,8 @@ impl Light {
         if let Some(work) = self.following.take() {
             work.finish();
         }
-        if let Some((_, work)) = self.listing.take() {
-            work.finish();
+        if let Some(making) = self.making.take() {
+            making.work.finish();
         }
         if let Some((_, RaysState::Searching(work))) = self.rays.take() {
             work.finish();

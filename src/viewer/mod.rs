@@ -6,6 +6,7 @@
 //! light     the table of the detector that is shown, and what is ticked and shown of it
 //! model     results, comparison, choices -> Picture (field, scale | spots); needs no window
 //! field, region, line_profile, two_results, photometry, spots    what is shown, as pure functions
+//! silhouettes     the scene from the side, as curves in a plane
 //! plot, screen_pixels    axes with a view; pixels of the screen (scales and colours: result/picture)
 //! app, views      panels around the plot
 //! screenshot      the same frame without a display
@@ -24,6 +25,7 @@ pub mod region;
 pub mod screen_pixels;
 pub mod screenshot;
 pub mod settings;
+pub mod silhouettes;
 pub mod spots;
 pub mod state;
 pub mod tracing;

@@ -97,7 +97,7 @@ impl View {
     }
 
     /// True if the view is neither so small that digits run out nor so large that the data is a dot.
-    fn is_sensible(&self, home: &View) -> bool {
+    pub fn is_sensible(&self, home: &View) -> bool {
         let (width, height) = self.size();
         let (home_width, home_height) = home.size();
         let sensible = |size: f64, home: f64, (low, high): (f64, f64)| {

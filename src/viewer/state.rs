@@ -2,9 +2,10 @@
 
 use crate::result::picture::scale::Palette;
 use crate::viewer::field::Cell;
-use crate::viewer::model::{Analysis, Model, Picture};
+use crate::viewer::model::{Analysis, Model, Picture, Subject};
 use crate::viewer::plot::{PlotFrame, View};
 use crate::viewer::region::Region;
+use crate::viewer::settings::Plane;
 use crate::viewer::spots::Spot;
 use eframe::egui::TextureHandle;
 use std::collections::HashMap;
@@ -104,6 +105,14 @@ impl App {
         }
     }
 
+    /// Shows a part of the scene from the side \[mm\]. The view grows along one axis until a millimetre is as long along
+    /// both.
+    pub fn show_side_view(&mut self, plane: Plane, view: View) {
+        self.model.subject = Subject::Scene;
+        self.model.settings.plane = plane;
+        self.views.insert(side_view_key(plane), Some(view));
+    }
+
     /// Sets the folder of exports.
     pub fn set_export_folder(&mut self, folder: &std::path::Path) {
         self.export_folder = folder.display().to_string();
@@ -132,4 +141,9 @@ impl App {
         }
         self.figures.as_ref().map(|cached| cached.analysis.clone())
     }
+}
+
+/// The key of a side view's [`View`].
+pub(super) fn side_view_key(plane: Plane) -> String {
+    format!("scene {plane:?}")
 }

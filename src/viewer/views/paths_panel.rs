@@ -57,13 +57,16 @@ pub fn show(app: &mut App, ui: &mut Ui) {
             under_way(&app.model.light, ui, &format!("Light is followed: {} rays so far", thousands(done)));
         }
         TableStage::Listing => {
-            under_way(&app.model.light, ui, "The same rays are traced again, for maps of the first rows")
+            ui.label("Rows are made of the sums");
         }
         TableStage::Failed(problem) => {
             ui.colored_label(ui.visuals().error_fg_color, problem);
             offer(&mut app.model, ui);
         }
-        TableStage::Listed => {
+        stage @ (TableStage::Mapping | TableStage::Listed) => {
+            if stage == TableStage::Mapping {
+                under_way(&app.model.light, ui, "The same rays are traced again, for maps of the first rows");
+            }
             controls(app, ui);
             table(&mut app.model.light, ui);
         }
@@ -134,7 +137,11 @@ fn controls(app: &mut App, ui: &mut Ui) {
         let name = followed.scene.ir.detectors.get(listing.detector).map_or("", |detector| &detector.name);
         let rays = thousands(followed.tally.launched.count);
         let rows = thousands(listing.table.paths.len() as u64);
-        let maps = if listing.has_maps() { "" } else { ", without maps" };
+        let maps = match (listing.has_maps(), light.stage()) {
+            (true, _) => "",
+            (false, TableStage::Mapping) => ", maps follow",
+            (false, _) => ", without maps",
+        };
         let text = format!("{name}: {rows} rows, of {rays} rays with seed {}{maps}", followed.options.seed);
         ui.label(quiet(ui, text).size(11.5));
     }
@@ -218,8 +225,10 @@ fn of_row(light: &Light, index: usize, row: &LightPath) -> Line {
     if let Some(peak) = row.peak_irradiance {
         hint += &format!("\npeak {}", value(peak, "W/mm²"));
     }
-    if !has_map {
-        hint += "\nno map: only the first rows have one";
+    match (has_map, light.stage()) {
+        (true, _) => {}
+        (false, TableStage::Mapping) => hint += "\nits map is being traced, if it is one of the first rows",
+        (false, _) => hint += "\nno map: only the first rows have one",
     }
     Line {
         cells: [

@@ -1,19 +1,15 @@
 //! The scene from the side, with a few hundred recorded rays. A misplaced surface is seen at once.
 
 use crate::format::thousands;
-use crate::model::shapes::{Geometry, circle};
-use crate::model::{Frame as LocalFrame, Interaction, Mesh, SceneIr};
 use crate::result::PathColumns;
 use crate::viewer::light::{Light, RaysOfPaths};
 use crate::viewer::plot::{Colors, Plot, PlotFrame, View};
 use crate::viewer::settings::{Plane, RayColor};
-use crate::viewer::state::App;
+use crate::viewer::silhouettes::{Kind, Silhouette, home, silhouettes};
+use crate::viewer::state::{App, side_view_key};
 use eframe::egui::{self, Align2, Color32, FontId, Painter, Shape, Stroke, Ui};
 use glam::DVec3;
 use std::sync::Arc;
-
-/// Points of a curve.
-type Curve = Vec<DVec3>;
 
 /// The middle of the window.
 pub fn show(app: &mut App, ui: &mut Ui) {
@@ -54,13 +50,14 @@ pub fn show(app: &mut App, ui: &mut Ui) {
     let Some(scene) = app.model.scene() else {
         return;
     };
-    let drawing = Drawing::new(&scene.ir, settings.plane);
-    let key = format!("scene {:?}", settings.plane);
+    let silhouettes = silhouettes(&scene.ir, settings.plane);
+    let home = home(&silhouettes);
+    let key = side_view_key(settings.plane);
     let mut view = app.views.get(&key).copied().flatten();
     let (x, y) = settings.plane.axes();
     let plot = Plot {
         name: "Plot: scene",
-        home: drawing.bounds.padded(0.06),
+        home,
         equal: true,
         x: (x, "mm"),
         y: (y, "mm"),
@@ -69,12 +66,13 @@ pub fn show(app: &mut App, ui: &mut Ui) {
         pans: true,
         moves: true,
     };
-    plot.show(ui, rect, &mut view, |ui, painter, frame| {
+    let shown = plot.show(ui, rect, &mut view, |ui, painter, frame| {
         if let Some(paths) = &paths {
-            rays(painter, frame, paths, &settings.plane, settings.ray_color, drawing.reach());
+            rays(painter, frame, paths, &settings.plane, settings.ray_color, reach(home));
         }
-        drawing.draw(painter, frame, ui);
+        draw_silhouettes(&silhouettes, painter, frame, ui);
     });
+    app.frame = Some(shown.frame);
     app.views.insert(key, view);
 }
 
@@ -92,106 +90,26 @@ fn of_light(light: &Light, rays: RaysOfPaths) -> (Option<Arc<PathColumns>>, Opti
     }
 }
 
-/// The surfaces, detectors and sources of a scene, as curves in a plane.
-struct Drawing {
-    curves: Vec<(Vec<(f64, f64)>, Kind)>,
-    names: Vec<((f64, f64), String)>,
-    bounds: View,
+/// The length at which an escaping ray is drawn, in a scene that fills this view.
+fn reach(View { x, y }: View) -> f64 {
+    0.3125 * (x.1 - x.0).hypot(y.1 - y.0)
 }
 
-#[derive(Clone, Copy, PartialEq)]
-enum Kind {
-    Refractive,
-    Reflective,
-    Absorbing,
-    Detector,
-    Source,
-}
-
-impl Drawing {
-    fn new(ir: &SceneIr, plane: Plane) -> Self {
-        let mut drawing = Drawing {
-            curves: Vec::new(),
-            names: Vec::new(),
-            bounds: View::new((f64::INFINITY, f64::NEG_INFINITY), (f64::INFINITY, f64::NEG_INFINITY)),
+/// Draws what stands in the scene, and the names of detectors and sources.
+fn draw_silhouettes(silhouettes: &[Silhouette], painter: &Painter, frame: &PlotFrame, ui: &Ui) {
+    let colors = Colors::of(ui);
+    let dark = ui.visuals().dark_mode;
+    let pick = |on_dark: Color32, on_light: Color32| if dark { on_dark } else { on_light };
+    for Silhouette { kind, curves, .. } in silhouettes {
+        let color = match kind {
+            Kind::Refractive => pick(Color32::from_rgb(140, 200, 255), Color32::from_rgb(20, 90, 170)),
+            Kind::Reflective => pick(Color32::from_gray(225), Color32::from_gray(40)),
+            Kind::Absorbing => pick(Color32::from_gray(130), Color32::from_gray(130)),
+            Kind::Detector => pick(Color32::from_rgb(110, 225, 140), Color32::from_rgb(0, 120, 50)),
+            Kind::Source => pick(Color32::from_rgb(255, 190, 80), Color32::from_rgb(190, 100, 0)),
         };
-        for surface in &ir.surfaces {
-            let kind = match surface.interaction {
-                Interaction::Refractive => Kind::Refractive,
-                Interaction::Reflective { .. } => Kind::Reflective,
-                Interaction::Absorbing => Kind::Absorbing,
-            };
-            drawing.add(&curves(&surface.frame, &*surface.shape, &ir.meshes, plane), kind, plane);
-        }
-        for detector in &ir.detectors {
-            // The disk of a far-field detector has no place in the scene.
-            if !detector.kind.is_placed() {
-                continue;
-            }
-            let curves = curves(&detector.frame, &detector.outline(), &[], plane);
-            drawing.add(&curves, Kind::Detector, plane);
-            drawing.name(&curves, &detector.name, plane);
-        }
-        for source in &ir.sources {
-            let curves = match source.kind.is_point() {
-                true => vec![vec![source.frame.origin]],
-                false => curves(&source.frame, &source.kind.births(), &[], plane),
-            };
-            drawing.add(&curves, Kind::Source, plane);
-            drawing.name(&curves, &source.name, plane);
-        }
-        if !drawing.bounds.x.0.is_finite() {
-            drawing.bounds = View::new((-1.0, 1.0), (-1.0, 1.0));
-        }
-        // A scene in one plane or on one axis still needs an area for drawing.
-        let size = (drawing.bounds.x.1 - drawing.bounds.x.0).max(drawing.bounds.y.1 - drawing.bounds.y.0);
-        let least = if size > 0.0 { 0.05 * size } else { 1.0 };
-        for range in [&mut drawing.bounds.x, &mut drawing.bounds.y] {
-            if range.1 - range.0 < least {
-                *range = (range.0 - least, range.1 + least);
-            }
-        }
-        drawing
-    }
-
-    fn add(&mut self, curves: &[Curve], kind: Kind, plane: Plane) {
-        for curve in curves {
-            let points: Vec<(f64, f64)> = curve.iter().map(|point| plane.project(*point)).collect();
-            for (x, y) in &points {
-                let wider = |range: &mut (f64, f64), at: f64| *range = (range.0.min(at), range.1.max(at));
-                wider(&mut self.bounds.x, *x);
-                wider(&mut self.bounds.y, *y);
-            }
-            self.curves.push((points, kind));
-        }
-    }
-
-    fn name(&mut self, curves: &[Curve], name: &str, plane: Plane) {
-        let points = || curves.iter().flatten().map(|point| plane.project(*point));
-        if let Some(top) = points().max_by(|a, b| a.1.total_cmp(&b.1)) {
-            self.names.push((top, name.to_string()));
-        }
-    }
-
-    /// The length at which an escaping ray is drawn.
-    fn reach(&self) -> f64 {
-        let View { x, y } = self.bounds;
-        0.35 * (x.1 - x.0).hypot(y.1 - y.0)
-    }
-
-    fn draw(&self, painter: &Painter, frame: &PlotFrame, ui: &Ui) {
-        let colors = Colors::of(ui);
-        let dark = ui.visuals().dark_mode;
-        let pick = |on_dark: Color32, on_light: Color32| if dark { on_dark } else { on_light };
-        for (points, kind) in &self.curves {
-            let color = match kind {
-                Kind::Refractive => pick(Color32::from_rgb(140, 200, 255), Color32::from_rgb(20, 90, 170)),
-                Kind::Reflective => pick(Color32::from_gray(225), Color32::from_gray(40)),
-                Kind::Absorbing => pick(Color32::from_gray(130), Color32::from_gray(130)),
-                Kind::Detector => pick(Color32::from_rgb(110, 225, 140), Color32::from_rgb(0, 120, 50)),
-                Kind::Source => pick(Color32::from_rgb(255, 190, 80), Color32::from_rgb(190, 100, 0)),
-            };
-            let width = if matches!(kind, Kind::Detector | Kind::Source) { 2.5 } else { 1.5 };
+        let width = if matches!(kind, Kind::Detector | Kind::Source) { 2.5 } else { 1.5 };
+        for points in curves {
             if let [point] = points.as_slice() {
                 painter.circle_filled(frame.place(*point), 4.0, color);
             } else {
@@ -199,47 +117,22 @@ impl Drawing {
                 painter.add(Shape::line(points, Stroke::new(width, color)));
             }
         }
-        let mut taken: Vec<egui::Rect> = Vec::new();
-        for (at, name) in &self.names {
-            let galley = painter.layout_no_wrap(name.clone(), FontId::proportional(12.0), colors.text);
-            let place = frame.place(*at) - egui::vec2(0.0, 5.0);
-            let rect = Align2::CENTER_BOTTOM.anchor_size(place, galley.size());
-            // Sources often stand in one place. One name there is easier to read than all on top of one another.
-            if !taken.iter().any(|other| other.intersects(rect)) {
-                painter.rect_filled(rect.expand(2.0), 2.0, colors.ground.gamma_multiply(0.8));
-                painter.galley(rect.min, galley, colors.text);
-                taken.push(rect);
-            }
+    }
+    let mut taken: Vec<egui::Rect> = Vec::new();
+    let is_named = |silhouette: &&Silhouette| matches!(silhouette.kind, Kind::Detector | Kind::Source);
+    for Silhouette { name, curves, .. } in silhouettes.iter().filter(is_named) {
+        let points = curves.iter().flatten();
+        let Some(at) = points.max_by(|a, b| a.1.total_cmp(&b.1)) else { continue };
+        let galley = painter.layout_no_wrap(name.clone(), FontId::proportional(12.0), colors.text);
+        let place = frame.place(*at) - egui::vec2(0.0, 5.0);
+        let rect = Align2::CENTER_BOTTOM.anchor_size(place, galley.size());
+        // Sources often stand in one place. One name there is easier to read than all on top of one another.
+        if !taken.iter().any(|other| other.intersects(rect)) {
+            painter.rect_filled(rect.expand(2.0), 2.0, colors.ground.gamma_multiply(0.8));
+            painter.galley(rect.min, galley, colors.text);
+            taken.push(rect);
         }
     }
-}
-
-/// A surface as curves: its section with the plane through its axis that faces the viewer, its rims and its edges.
-fn curves(frame: &LocalFrame, shape: &dyn Geometry, meshes: &[Mesh], plane: Plane) -> Vec<Curve> {
-    let radial = radial(frame, plane);
-    let section = shape.section().into_iter();
-    let section = section.map(|curve| curve.iter().map(|p| radial * p.x + DVec3::Z * p.y).collect());
-    // Seen from the side, a rim is a line through the surface, which would only hide the surface's shape.
-    let (across, up) = plane.project(frame.rotation * DVec3::Z);
-    let from_the_side = across.hypot(up) > 0.95;
-    let rims = shape.rims().into_iter().filter(|_| !from_the_side).map(|(radius, z)| circle(radius, z));
-    let curves = section.chain(rims).chain(shape.edges(meshes));
-    curves.map(|curve: Curve| placed(frame, &curve)).collect()
-}
-
-fn placed(frame: &LocalFrame, curve: &[DVec3]) -> Curve {
-    curve.iter().map(|&point| frame.rotation * point + frame.origin).collect()
-}
-
-/// The local direction, at a right angle to the axis, that appears longest along the vertical of the view.
-fn radial(frame: &LocalFrame, plane: Plane) -> DVec3 {
-    let along = |axis: DVec3| plane.project(frame.rotation * axis);
-    // The combination of local x and y with the largest part along the vertical, then along the horizontal.
-    let ((hx, vx), (hy, vy)) = (along(DVec3::X), along(DVec3::Y));
-    let vertical = DVec3::new(vx, vy, 0.0);
-    let horizontal = DVec3::new(hx, hy, 0.0);
-    let best = if vertical.length() >= horizontal.length() - 1e-9 { vertical } else { horizontal };
-    best.try_normalize().unwrap_or(DVec3::Y)
 }
 
 /// Draws the recorded rays, segment by segment.
