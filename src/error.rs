@@ -39,6 +39,14 @@ pub enum Error {
         /// What the operating system said.
         problem: String,
     },
+    /// There is no result where one was named.
+    #[error("{}: {problem}; name a folder that `nsq-gpu trace -o` wrote", path_text(path))]
+    NoResult {
+        /// What was named.
+        path: PathBuf,
+        /// What is there instead.
+        problem: String,
+    },
     /// What has no reverse pass, such as a function of the shader. Forward derivatives take its place.
     #[error("there is no reverse pass through {0}")]
     NoWayBack(String),
@@ -82,13 +90,13 @@ impl Error {
         Error::File { path: path.into(), problem: problem.to_string() }
     }
 
-    /// The process exit code: 1 internal, 2 usage, 3 scene, 4 no adapter, 5 device lost or out of memory. Further
+    /// The process exit code: 1 internal, 2 usage, 3 scene, or no result, 4 no adapter, 5 device lost or out of memory. Further
     /// codes: 6 tolerance not met, 130 interrupted. An unreadable scene or unwritable output is a usage error.
     pub fn exit_code(&self) -> u8 {
         match self {
             Error::Internal(_) | Error::NoWayBack(_) => 1,
             Error::Usage(_) | Error::File { .. } => 2,
-            Error::Scene { .. } => 3,
+            Error::Scene { .. } | Error::NoResult { .. } => 3,
             Error::NoAdapter(_) => 4,
             Error::Device(_) => 5,
             Error::Tolerance(_) => 6,

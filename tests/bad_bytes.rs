@@ -152,7 +152,7 @@ fn checkpoint(ir: &SceneIr, tally: Tally) -> Checkpoint {
         adapter: "adapter".into(),
         driver: "driver".into(),
     };
-    Checkpoint { identity, tally }
+    Checkpoint { identity, tally, proof: None }
 }
 
 /// The file of a body, with the length and the checksum that it should have.

@@ -91,6 +91,7 @@ from nsq_gpu.results import Result
 from nsq_gpu.session import Session
 from nsq_gpu.storing import load
 from nsq_gpu.sweeps import Sweep
+from nsq_gpu.verifying import Verification, verify
 
 _register()
 
@@ -116,6 +117,7 @@ __all__ = [
     "UnknownNameError",
     "UnsupportedSceneError",
     "UsageError",
+    "Verification",
     "diff",
     "export_scene",
     "find_binary",
@@ -126,4 +128,5 @@ __all__ = [
     "load_scene",
     "loss_gradient",
     "use",
+    "verify",
 ]

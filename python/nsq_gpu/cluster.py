@@ -117,6 +117,9 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
     num_rays, seed, max_depth = numbers_of_rays(num_rays, seed, max_depth).values()
     if num_rays < 2 or parts is not None and parts < 1:
         raise UsageError(f"num_rays is {num_rays} and parts {parts}; give at least 2 rays and 1 part")
+    if options.pop("proof", False):
+        raise UsageError("proof: the result of a cluster is in memory, without the sums that a proof stands beside; trace parts "
+                         "by `nsq-gpu trace --first-ray N --proof -o DIR`, and add them up by `nsq-gpu merge`")
     deadline = _Deadline(timeout)
     target = None if target_error is None else _fraction(target_error)
     exported = export(scene)

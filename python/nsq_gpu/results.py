@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import optiland.backend as be
@@ -35,6 +36,9 @@ from nsq_gpu.errors import (
 from nsq_gpu.few_rays import FewRays, few_rays
 from nsq_gpu.integrity import load_arrays
 from nsq_gpu.paths import PathTable, path_table
+
+if TYPE_CHECKING:
+    from nsq_gpu.verifying import Verification
 
 Json = dict[str, Any]
 
@@ -163,6 +167,20 @@ class Result(Displayed, SimulationResult):
         from nsq_gpu.storing import save
 
         save(self, Path(folder), overwrite)
+
+    def verify(self, *, sample: int = 3, adapter: str | None = None, binary: str | None = None) -> Verification:
+        """Say whether other rays of the scene give this result; :func:`nsq_gpu.verify` asks more of a folder with sums.
+
+        Args:
+            sample: So many 64ths of the rays are traced, but at least 65,536 rays.
+            adapter: A part of the adapter's name.
+            binary: Path of the program.
+        """
+        from nsq_gpu.verifying import verify
+
+        with tempfile.TemporaryDirectory(prefix="nsq-gpu-") as folder:
+            self.save(folder)
+            return verify(folder, sample=sample, adapter=adapter, binary=binary)
 
     def to_xarray(self) -> Any:
         """Return an ``xarray.Dataset`` of all maps, with units on coordinates: ``image`` and ``image_standard_error``.

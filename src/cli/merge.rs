@@ -8,6 +8,7 @@ use crate::format::path_text;
 use crate::model::{Precision, SceneIr};
 use crate::result::{PathTally, RaySet, RunInfo, Tally, TraceResult, output};
 use crate::run::checkpoint::{Checkpoint, Identity};
+use crate::run::proof::Proof;
 use crate::scene::Scene;
 use std::path::{Path, PathBuf};
 
@@ -122,7 +123,10 @@ fn merge(ir: &SceneIr, parts: &[Checkpoint]) -> Result<Checkpoint> {
         driver: all(|identity| &identity.driver),
         ..parts[0].identity.clone()
     };
-    Ok(Checkpoint { identity, tally })
+    let proofs: Vec<_> = parts.iter().filter_map(|part| part.proof.as_ref()).collect();
+    let all_parts = || proofs.iter().flat_map(|proof| proof.parts.iter().cloned()).collect();
+    let proof = (!proofs.is_empty()).then(|| Proof { parts: all_parts() });
+    Ok(Checkpoint { identity, tally, proof })
 }
 
 /// Refuses results that cannot be added: of different traces, or of the same rays.

@@ -23,6 +23,7 @@ mod stops;
 mod sweep;
 mod trace;
 mod trace_args;
+mod verify;
 #[cfg(feature = "viewer")]
 mod view;
 
@@ -40,7 +41,7 @@ use std::time::Instant;
     name = "nsq-gpu",
     version,
     about = "Monte Carlo non-sequential ray tracing of Optiland's NSQ scenes, on any GPU",
-    after_help = "Exit codes: 0 done, 1 internal error, 2 usage, 3 invalid or unsupported scene, 4 no adapter, \
+    after_help = "Exit codes: 0 done, 1 internal error, 2 usage, 3 invalid or unsupported scene, or no result, 4 no adapter, \
                   5 device lost or out of memory, 6 tolerance not met, 130 interrupted (partial results are kept)."
 )]
 struct Cli {
@@ -56,6 +57,8 @@ enum Command {
     Merge(merge::Args),
     /// Compare two results: whether they differ by more than chance.
     Compare(compare::Args),
+    /// Say what of a result is proven: its files by their hashes and sums, its numbers by rays that are traced again.
+    Verify(verify::Args),
     /// Look at a scene while it is traced, or at results.
     #[cfg(feature = "viewer")]
     View(Box<view::Args>),
@@ -89,6 +92,7 @@ pub fn main() -> ExitCode {
         Command::Trace(args) => trace::run(&args, start),
         Command::Merge(args) => merge::run(&args),
         Command::Compare(args) => compare::run(&args),
+        Command::Verify(args) => verify::run(&args),
         #[cfg(feature = "viewer")]
         Command::View(args) => view::run(&args),
         Command::Paths(args) => paths::run(&args, start),

@@ -41,6 +41,10 @@ pub struct Args {
     /// unbroken trace.
     #[arg(long, value_name = "FILE")]
     resume: Option<PathBuf>,
+    /// Keep a proof with the sums: the SHA-256 of the sums of each of 64 ranges of rays, which `nsq-gpu verify` traces again.
+    /// Arithmetic is strict where the adapter allows it.
+    #[arg(long)]
+    proof: bool,
     #[command(flatten)]
     device: DeviceArgs,
     /// Record the paths of about N rays, or of all, in ray_paths.npz.
@@ -50,7 +54,7 @@ pub struct Args {
     /// standard errors go to gradients.npz. Names with dots or commas are quoted: '"a.b".r1'.
     #[arg(long, value_name = "NAMES", value_parser = parse_names, conflicts_with_all = ["checkpoint", "overwrite",
         "checkpoint_interval", "resume",
-        "record_paths", "profile", "target_error", "time_limit", "first_ray", "of_rays"])]
+        "record_paths", "profile", "proof", "target_error", "time_limit", "first_ray", "of_rays"])]
     gradient: Option<Names>,
     /// With --gradient: also find each derivative by a difference of two traces, which sees light that crosses edges, such as
     /// the rim of a lens. Takes two more traces for each number.
@@ -137,6 +141,9 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         }
         output::check(dir, &names)?;
     }
+    if args.proof && args.output.is_none() && args.checkpoint.is_none() {
+        return Err(Error::Usage("--proof is kept with the sums; give -o DIR, or --checkpoint FILE".into()));
+    }
     let stop = stop_on_interrupt()?;
     if let Some(path) = &args.resume {
         run = run.resume(path)?;
@@ -153,6 +160,9 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     run = run.record_paths(args.record_paths.unwrap_or(RecordPaths::None));
     if args.profile {
         run = run.profile();
+    }
+    if args.proof {
+        run = run.proof();
     }
     let mut shown = progress::shown(args.progress, &stop);
     let outcome = run.go_with(move |pass| Ok(shown(&pass.status)))?;

@@ -110,4 +110,10 @@ impl<'a> Engine<'a> {
             first_end: None,
         }
     }
+
+    /// Also ends a pass at a position, where the position of the trace is `at`.
+    pub(crate) fn pause_before(&mut self, at: u64, position: u64) {
+        let next = self.pause.filter(|pause| *pause > at);
+        self.pause = Some(next.map_or(position, |pause| pause.min(position)));
+    }
 }

@@ -109,6 +109,11 @@ impl Progress<'_, '_> {
         self.position
     }
 
+    /// Ends a pass at a position, or before it where [`Progress::pause_at`] says so.
+    pub(crate) fn pause_before(&mut self, position: u64) {
+        self.engine.pause_before(self.position, position);
+    }
+
     /// See [`crate::Tracer::pause_at`].
     pub fn pause_at(&mut self, position: u64) {
         self.engine.pause = Some(position);

@@ -90,6 +90,35 @@ pub fn compare(a: &TraceResult, b: &TraceResult, limit: f64) -> ResultComparison
     }
 }
 
+/// A flux of a trace, of a line of its ledger say.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Flux {
+    /// \[W\]
+    pub flux: f64,
+    /// Its standard error \[W\].
+    pub error: f64,
+    /// Rays or events.
+    pub count: u64,
+    /// Mean flux of a launched ray \[W\].
+    pub ray: f64,
+}
+
+/// The difference of two fluxes that chance alone would set apart; `None` where so few events are expected that it has no error.
+pub(crate) fn difference(sides: [Flux; 2]) -> Option<Difference> {
+    let sides = sides.map(|Flux { flux, error, count, ray }| Estimate {
+        flux,
+        own_error: error,
+        hits: count,
+        ray,
+        spread: 1.0,
+    });
+    if sides.iter().all(|side| side.flux == 0.0) {
+        return Some(Difference::new(0.0, 0.0));
+    }
+    let mean = mean(&sides);
+    sides.iter().all(|side| side.is_normal(mean)).then(|| Difference::between(&sides))
+}
+
 /// A detector, and the mean flux of a launched ray \[W\].
 #[derive(Clone, Copy)]
 struct Side<'a> {
@@ -306,7 +335,7 @@ fn indices(index: usize, shape: &[usize]) -> Vec<usize> {
 }
 
 /// What the largest of `num` normal variables exceeds as seldom as one of them exceeds `limit`.
-fn limit_of_largest(limit: f64, num: u64) -> f64 {
+pub(crate) fn limit_of_largest(limit: f64, num: u64) -> f64 {
     let wanted = log_tail(limit) - (num.max(1) as f64).ln();
     let (mut low, mut high) = (limit, limit + 40.0);
     for _ in 0..60 {

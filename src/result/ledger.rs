@@ -111,7 +111,7 @@ impl Ledger {
             imbalance_flux: 0.0,
             invalid_deposits: tally.invalid_deposits,
         };
-        ledger.imbalance_quanta = ledger.imbalance();
+        ledger.imbalance_quanta = ledger.recomputed_imbalance();
         ledger.imbalance_flux = unit.watts(ledger.imbalance_quanta.unsigned_abs())
             * if ledger.imbalance_quanta < 0 { -1.0 } else { 1.0 };
         ledger
@@ -149,8 +149,11 @@ impl Ledger {
         ]
     }
 
-    fn imbalance(&self) -> i128 {
-        let sum = |lines: &[(&str, LedgerEntry)]| lines.iter().map(|(_, entry)| entry.quanta).sum::<u128>();
+    /// Sources minus destinations, of the lines as they stand \[quanta\].
+    pub fn recomputed_imbalance(&self) -> i128 {
+        let sum = |lines: &[(&str, LedgerEntry)]| {
+            lines.iter().map(|(_, entry)| entry.quanta).fold(0, u128::wrapping_add)
+        };
         // Two's complement: the difference is right whichever sum is the larger.
         sum(&self.sources()).wrapping_sub(sum(&self.destinations())) as i128
     }

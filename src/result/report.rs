@@ -78,6 +78,11 @@ impl Report {
         Report(in_order)
     }
 
+    /// True of a key that a document of this version may have.
+    pub(crate) fn has_key(key: &str) -> bool {
+        key == "meta" || KEYS.split_whitespace().any(|known| known == key)
+    }
+
     /// Adds hashes.
     pub(crate) fn set_meta(&mut self, meta: &Meta) {
         self.0.insert("meta".into(), json!(meta));

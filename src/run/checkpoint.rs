@@ -2,7 +2,7 @@
 //!
 //! A file is little-endian. Its header has the eight bytes `NSQTALLY`, and the version of the format (u32). The length
 //! of the rest (u64) and the CRC-32 of the rest (u32) follow. Then come an [`Identity`] and a [`Tally`], in the
-//! encoding of [postcard](https://docs.rs/postcard). A file holds no time, so that equal sums are equal files.
+//! encoding of [postcard](https://docs.rs/postcard), and with a proof a [`Proof`]. A file holds no time, so that equal sums are equal files.
 //!
 //! A file is written to a hidden file beside its place, which is then renamed. Whatever happens meanwhile, a whole file
 //! is there: the new one or the one before.
@@ -10,10 +10,11 @@
 use crate::error::{Error, Result};
 use crate::format::plain;
 use crate::gpu::AdapterInfo;
-use crate::model::SceneIr;
+use crate::model::{ReflectProb, Sampling, SceneIr};
 use crate::placing;
 use crate::result::output::{REPORT, SUMS_MAGIC, TALLY, holds_sums};
 use crate::result::{DetectorTally, Tally, integrity};
+use crate::run::proof::Proof;
 use crate::run::{Collect, RecordPaths, TraceOptions};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
@@ -22,6 +23,8 @@ use std::path::{Path, PathBuf};
 
 /// Version of the format.
 pub const FORMAT: u32 = 5;
+/// The same of a file whose sums have a proof, which follows them.
+pub const FORMAT_WITH_PROOF: u32 = 6;
 
 const HEADER_BYTES: usize = 24;
 
@@ -73,6 +76,9 @@ pub struct Checkpoint {
     pub identity: Identity,
     /// The sums so far.
     pub tally: Tally,
+    /// Their proof, if it was kept.
+    #[serde(skip)]
+    pub proof: Option<Proof>,
 }
 
 /// Marks the identity of sums whose recorded paths are in a file of their own.
@@ -105,6 +111,23 @@ impl Identity {
             adapter: adapter.name.clone(),
             driver: options.driver(adapter),
         }
+    }
+
+    /// The sampling policy, read from its text; `None` if another version wrote it.
+    pub(crate) fn sampling_policy(&self) -> Option<Sampling> {
+        let fields = self.sampling.strip_prefix("Sampling { ")?.strip_suffix(" }")?;
+        let mut found = Sampling::default();
+        for field in fields.split(", ") {
+            let (name, value) = field.split_once(": ")?;
+            match name {
+                "reflect_prob" => found.reflect_prob = reflect_prob(value)?,
+                "rr_start_flux" => found.rr_start_flux = value.parse().ok()?,
+                "split_depth" => found.split_depth = value.parse().ok()?,
+                "split_budget" => found.split_budget = value.parse().ok()?,
+                _ => return None,
+            }
+        }
+        (format!("{found:?}") == self.sampling).then_some(found)
     }
 
     /// The differences that prevent adding the sums of two traces, one line each: `what: theirs there, ours here`.
@@ -175,6 +198,17 @@ impl Identity {
     }
 }
 
+fn reflect_prob(text: &str) -> Option<ReflectProb> {
+    match text {
+        "Fresnel" => Some(ReflectProb::Fresnel),
+        "Auto" => Some(ReflectProb::Auto),
+        constant => {
+            let number = constant.strip_prefix("Constant(")?.strip_suffix(")")?;
+            number.parse().ok().map(ReflectProb::Constant)
+        }
+    }
+}
+
 impl Checkpoint {
     /// Refuses sums that lack their rows of ray databases or paths. `option` names the option that would have kept the
     /// rows.
@@ -206,7 +240,7 @@ impl Checkpoint {
     /// # Errors
     /// [`Error::Internal`] if the sums cannot be encoded.
     pub fn to_bytes(&self) -> Result<Vec<u8>> {
-        encode(&self.identity, &self.tally)
+        encode(&self.identity, &self.tally, self.proof.as_ref())
     }
 
     /// Reads a file. For a folder, reads the file that a trace wrote there.
@@ -231,8 +265,8 @@ impl Checkpoint {
 ///
 /// # Errors
 /// [`Error::File`] if the file cannot be written; an existing file then stays.
-pub fn write(path: &Path, identity: &Identity, tally: &Tally) -> Result<()> {
-    let bytes = encode(identity, tally)?;
+pub fn write(path: &Path, identity: &Identity, tally: &Tally, proof: Option<&Proof>) -> Result<()> {
+    let bytes = encode(identity, tally, proof)?;
     check_is_own(path)?;
     placing::replace_file(path, &bytes).map_err(|error| Error::file(path, placing::own_word(error)))
 }
@@ -292,13 +326,18 @@ fn check_is_own(path: &Path) -> Result<()> {
     }
 }
 
-pub(crate) fn encode(identity: &Identity, tally: &Tally) -> Result<Vec<u8>> {
+pub(crate) fn encode(identity: &Identity, tally: &Tally, proof: Option<&Proof>) -> Result<Vec<u8>> {
+    let unencoded = |error| Error::Internal(format!("encoding the sums: {error}"));
     let mut bytes = vec![0; HEADER_BYTES];
-    bytes = postcard::to_extend(&(identity, tally), bytes)
-        .map_err(|error| Error::Internal(format!("encoding the sums: {error}")))?;
+    bytes = postcard::to_extend(&(identity, tally), bytes).map_err(unencoded)?;
+    let mut format = FORMAT;
+    if let Some(proof) = proof {
+        bytes = postcard::to_extend(proof, bytes).map_err(unencoded)?;
+        format = FORMAT_WITH_PROOF;
+    }
     let (length, sum) = (bytes.len() - HEADER_BYTES, crc32fast::hash(&bytes[HEADER_BYTES..]));
     bytes[..8].copy_from_slice(SUMS_MAGIC);
-    bytes[8..12].copy_from_slice(&FORMAT.to_le_bytes());
+    bytes[8..12].copy_from_slice(&format.to_le_bytes());
     bytes[12..20].copy_from_slice(&(length as u64).to_le_bytes());
     bytes[20..24].copy_from_slice(&sum.to_le_bytes());
     Ok(bytes)
@@ -310,8 +349,11 @@ fn decode(bytes: &[u8]) -> std::result::Result<Checkpoint, String> {
         return Err("is no file of sums of this program".into());
     };
     let word = |at: usize| u32::from_le_bytes([header[at], header[at + 1], header[at + 2], header[at + 3]]);
-    if word(8) != FORMAT {
-        return Err(format!("is of format {}; this program reads format {FORMAT}", word(8)));
+    let format = word(8);
+    if ![FORMAT, FORMAT_WITH_PROOF].contains(&format) {
+        return Err(format!(
+            "is of format {format}; this program reads format {FORMAT} and {FORMAT_WITH_PROOF}"
+        ));
     }
     let length = u64::from(word(12)) | (u64::from(word(16)) << 32);
     if length != body.len() as u64 {
@@ -320,10 +362,15 @@ fn decode(bytes: &[u8]) -> std::result::Result<Checkpoint, String> {
     if word(20) != crc32fast::hash(body) {
         return Err("is damaged: its checksum is wrong".into());
     }
-    match postcard::take_from_bytes(body) {
-        Ok((checkpoint, [])) => Ok(checkpoint),
-        Ok((_, rest)) => Err(format!("is damaged: {} bytes follow its sums", rest.len())),
-        Err(error) => Err(format!("is damaged: {error}")),
+    let damaged = |error| format!("is damaged: {error}");
+    let (mut checkpoint, mut rest): (Checkpoint, _) = postcard::take_from_bytes(body).map_err(damaged)?;
+    if format == FORMAT_WITH_PROOF {
+        let (proof, behind) = postcard::take_from_bytes(rest).map_err(damaged)?;
+        (checkpoint.proof, rest) = (Some(proof), behind);
+    }
+    match rest {
+        [] => Ok(checkpoint),
+        rest => Err(format!("is damaged: {} bytes follow its sums", rest.len())),
     }
 }
 
@@ -353,6 +400,23 @@ pub fn scene_hash(ir: &SceneIr) -> u128 {
 mod tests {
     use super::*;
     use crate::result::{DetectorTally, FluxSum, Moments};
+    use crate::run::proof::{PartProof, RangeProof};
+
+    #[test]
+    fn the_sampling_policy_is_read_back() {
+        let identity = checkpoint().identity;
+        for reflect_prob in [ReflectProb::Fresnel, ReflectProb::Auto, ReflectProb::Constant(0.1 + 0.2)] {
+            let policy = Sampling { reflect_prob, rr_start_flux: 1e-300, split_depth: 7, split_budget: 4.3 };
+            let written = Identity { sampling: format!("{policy:?}"), ..identity.clone() };
+            assert_eq!(written.sampling_policy(), Some(policy));
+        }
+        for other in
+            ["", "Sampling {  }", "Sampling { split_depth: 1 }", "Sampling { other: 1, split_depth: 1 }"]
+        {
+            let written = Identity { sampling: other.into(), ..identity.clone() };
+            assert_eq!(written.sampling_policy(), None, "{other}");
+        }
+    }
 
     fn checkpoint() -> Checkpoint {
         let detector = DetectorTally {
@@ -385,7 +449,7 @@ mod tests {
             adapter: "adapter".into(),
             driver: "driver".into(),
         };
-        Checkpoint { identity, tally }
+        Checkpoint { identity, tally, proof: None }
     }
 
     #[test]
@@ -393,45 +457,57 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.tally");
         let checkpoint = checkpoint();
-        for _ in 0..2 {
-            write(&path, &checkpoint.identity, &checkpoint.tally).unwrap();
+        for proof in [None, Some(Proof { parts: vec![part_proof()] })] {
+            let checkpoint = Checkpoint { proof, ..checkpoint.clone() };
+            write(&path, &checkpoint.identity, &checkpoint.tally, checkpoint.proof.as_ref()).unwrap();
             assert_eq!(Checkpoint::read(&path).unwrap(), checkpoint);
+            assert_eq!(fs::read(&path).unwrap(), checkpoint.to_bytes().unwrap());
         }
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
-        assert_eq!(fs::read(&path).unwrap(), checkpoint.to_bytes().unwrap());
     }
 
     #[test]
     fn damage_is_found_wherever_it_is() {
-        let bytes = checkpoint().to_bytes().unwrap();
-        assert!(decode(&bytes).is_ok());
+        for proof in [None, Some(Proof { parts: vec![part_proof()] })] {
+            check_damage(&Checkpoint { proof, ..checkpoint() }.to_bytes().unwrap());
+        }
+    }
+
+    fn part_proof() -> PartProof {
+        let range = RangeProof { end: 10, sha256: [7; 32], checksums: vec![1, u128::MAX] };
+        let (adapter, driver) = ("adapter".into(), "driver".into());
+        PartProof { num_rays: 10, first_ray: 0, of_rays: None, adapter, driver, ranges: vec![range] }
+    }
+
+    fn check_damage(bytes: &[u8]) {
+        assert!(decode(bytes).is_ok());
         for place in 0..bytes.len() {
             for bit in 0..8 {
-                let mut damaged = bytes.clone();
+                let mut damaged = bytes.to_vec();
                 damaged[place] ^= 1 << bit;
                 assert!(decode(&damaged).is_err(), "bit {bit} of byte {place}");
             }
             assert!(decode(&bytes[..place]).is_err(), "cut off at {place}");
         }
-        assert!(decode(&[bytes, vec![0]].concat()).is_err());
+        assert!(decode(&[bytes, &[0]].concat()).is_err());
     }
 
     #[test]
     fn another_format_is_named() {
         let mut bytes = checkpoint().to_bytes().unwrap();
         bytes[8] = 99;
-        assert_eq!(decode(&bytes).unwrap_err(), "is of format 99; this program reads format 5");
+        assert_eq!(decode(&bytes).unwrap_err(), "is of format 99; this program reads format 5 and 6");
         assert!(decode(b"PK and more than twenty-four bytes").unwrap_err().contains("no file of sums"));
     }
 
     #[test]
     fn only_sums_are_replaced_and_no_link_is_followed() {
         let folder = tempfile::tempdir().unwrap();
-        let Checkpoint { identity, tally } = checkpoint();
+        let Checkpoint { identity, tally, .. } = checkpoint();
         let path = |name: &str| folder.path().join(name);
         let refused = |path: &Path| {
             let before = fs::read(path).ok();
-            let told = [check_writable(path), write(path, &identity, &tally)];
+            let told = [check_writable(path), write(path, &identity, &tally, None)];
             assert!(
                 told.iter().all(|told| matches!(told, Err(Error::File { path: named, .. }) if named == path))
             );
@@ -444,7 +520,7 @@ mod tests {
         fs::write(path("empty"), "").unwrap();
         for name in ["empty", "new", "new"] {
             check_writable(&path(name)).unwrap();
-            write(&path(name), &identity, &tally).unwrap();
+            write(&path(name), &identity, &tally, None).unwrap();
             assert_eq!(Checkpoint::read(&path(name)).unwrap().tally, tally);
         }
         #[cfg(unix)]
@@ -455,7 +531,7 @@ mod tests {
             refused(&path("link"));
             // A link like this one was in the way of versions whose temporary name was predictable.
             symlink(path("scene.json"), path("new.new")).unwrap();
-            write(&path("new"), &identity, &Tally::default()).unwrap();
+            write(&path("new"), &identity, &Tally::default(), None).unwrap();
             assert_eq!(fs::read_to_string(path("scene.json")).unwrap(), "{}");
         }
         let hidden = fs::read_dir(folder.path())

@@ -11,6 +11,7 @@ use crate::run::additions::ForAdapter;
 use crate::run::checkpoint::{self, Checkpoint, Identity};
 use crate::run::outcome::{Outcome, Saved};
 use crate::run::precision::{self, ChosenPrecision, WantedPrecision};
+use crate::run::proof::{self, Proof, ProofKeeper};
 use crate::run::status::{Next, Status};
 use crate::run::stopping::Stopping;
 use crate::run::{Device, Progress, RowStorage, Run, Saves, StandardError, Strict, TraceOptions, Tracer};
@@ -21,6 +22,13 @@ use std::time::Instant;
 /// Most rays of a trace whose numbers are live. In a longer one the rays take longer than compiling, and a shader with
 /// the numbers compiled in traces them faster.
 const MOST_LIVE_RAYS: u64 = 1_000_000;
+
+fn strict_where_possible(asked: Strict, gpu: &Gpu) -> Strict {
+    match asked {
+        Strict::Auto if gpu.info.strict => Strict::On,
+        asked => asked,
+    }
+}
 
 /// What a run traces with on its device.
 #[derive(Debug, Clone)]
@@ -80,8 +88,12 @@ impl<'a> Run<'a> {
         after_pass: impl FnMut(&mut Pass<'_, '_, '_>) -> Result<Next>,
     ) -> Result<Outcome> {
         let resumed = self.resumed.take();
-        if let Some((_, Checkpoint { identity, .. })) = &resumed {
+        if let Some((_, Checkpoint { identity, proof, .. })) = &resumed {
             self.max_depth = self.max_depth.or(Some(identity.max_depth));
+            self.has_proof |= proof.is_some();
+        }
+        if self.has_proof {
+            self.check_proof()?;
         }
         let gpu = self.device()?;
         let gpu: &Gpu = &gpu;
@@ -141,13 +153,11 @@ impl<'a> Run<'a> {
     fn options_on(&self, gpu: &Gpu) -> TraceOptions {
         let options = self.options.clone();
         let (strict, live) = match self.cache {
+            None if self.has_proof => (strict_where_possible(options.strict, gpu), options.live),
             None => (options.strict, options.live),
             Some(_) => {
-                let strict = match options.strict {
-                    // Only with strict arithmetic a shader with live numbers gives the bits of one without.
-                    Strict::Auto if gpu.info.strict => Strict::On,
-                    asked => asked,
-                };
+                // Only with strict arithmetic a shader with live numbers gives the bits of one without.
+                let strict = strict_where_possible(options.strict, gpu);
                 (strict, self.live.unwrap_or(options.num_rays <= MOST_LIVE_RAYS))
             }
         };
@@ -205,6 +215,7 @@ impl<'a> Run<'a> {
             resumed.as_ref().filter(|(path, _)| self.saves.as_ref().is_some_and(|to| to.path == *path));
         let rays_resumed = same_file.map(|(_, sums)| sums.tally.launched.count);
         let begun = resumed.map(|(path, sums)| self.beginning(&path, &identity, sums)).transpose()?;
+        let (begun, proof) = begun.map_or((None, None), |(tally, proof)| (Some(tally), proof));
         let rays_there = match (&self.saves, rays_resumed) {
             (Some(_), Some(rays)) => rays,
             (Some(saves), None) => checkpoint::rays_in(&saves.path, &identity, saves.overwrite)?,
@@ -230,11 +241,19 @@ impl<'a> Run<'a> {
         info.num_rays_before = begun.launched.count;
         let mut stopping = Stopping::new(model, self.target_error, self.time_limit);
         stopping.prepare(&mut tracer, &begun)?;
+        let mut keeper = None;
+        if self.has_proof {
+            let place = (tracer.num_rays(), tracer.position_after(&begun)?);
+            let new = ProofKeeper::new(model, &options, &gpu.info, place, &begun, proof)?;
+            tracer.pause_before(place.1, new.next_end(place.1));
+            keeper = Some(new);
+        }
         let mut stopped_by = None;
         let mut last_checkpoint = Instant::now();
         let start = Instant::now();
         let tally = tracer.go_on_checked(begun, |progress| {
             stopped_by = stopping.after_pass(model, progress)?;
+            keeper.as_mut().map_or(Ok(()), |keeper| keeper.after_pass(progress))?;
             let status = Status::of(progress, &stopping, info.num_rays_before);
             match after_pass(&mut Pass { status, progress, model, info: &info })? {
                 Next::GoOn => {}
@@ -247,7 +266,9 @@ impl<'a> Run<'a> {
             {
                 // The disk may have room again at the next checkpoint, and no ray is lost. A failure at the end is an
                 // error.
-                if let Err(error) = checkpoint::write(path, &identity, progress.tally()?) {
+                let tally = progress.tally()?;
+                let proof = keeper.as_ref().map(|keeper| keeper.so_far(tally));
+                if let Err(error) = checkpoint::write(path, &identity, tally, proof.as_ref()) {
                     (self.say)(&format!("no checkpoint now: {error}"));
                 }
                 last_checkpoint = Instant::now();
@@ -255,10 +276,11 @@ impl<'a> Run<'a> {
             Ok(stopped_by.is_none())
         })?;
         info.trace_time_sec = start.elapsed().as_secs_f64();
+        let proof = keeper.map(|keeper| keeper.so_far(&tally));
         let saved = match &self.saves {
             None => Saved::NoFile,
             Some(_) if tally.launched.count < rays_there => Saved::Kept(rays_there),
-            Some(saves) => checkpoint::write(&saves.path, &identity, &tally)
+            Some(saves) => checkpoint::write(&saves.path, &identity, &tally, proof.as_ref())
                 .map_or_else(Saved::Failed, |()| Saved::Written),
         };
         if let Some(choice) = predicted() {
@@ -273,11 +295,27 @@ impl<'a> Run<'a> {
             None => TraceResult::new(model, &info, &tally)?,
         };
         let found_paths = tracer.found_paths().into_iter().map(|(path, at)| (path.clone(), at)).collect();
-        Ok(Outcome { result, tally, identity, options, found_paths, saved })
+        Ok(Outcome { result, tally, identity, proof, options, found_paths, saved })
     }
 
-    /// The sums from which the trace goes on, which a file had.
-    fn beginning(&self, file: &Path, identity: &Identity, resumed: Checkpoint) -> Result<Tally> {
+    /// Refuses a proof that makes no sense.
+    fn check_proof(&self) -> Result<()> {
+        if self.options.strict == Strict::Off {
+            return Err(Error::Usage(
+                "a proof needs strict arithmetic, so that others get the same bits; leave out --strict=off"
+                    .into(),
+            ));
+        }
+        proof::check_cost(&self.model, self.options.num_rays)
+    }
+
+    /// The sums from which the trace goes on, which a file had, and their proof.
+    fn beginning(
+        &self,
+        file: &Path,
+        identity: &Identity,
+        resumed: Checkpoint,
+    ) -> Result<(Tally, Option<Proof>)> {
         let differences = identity.differences_from_beginning(&resumed.identity);
         resumed.check_rows(file, "--checkpoint")?;
         if !differences.is_empty() {
@@ -292,6 +330,6 @@ impl<'a> Run<'a> {
                  unbroken trace"
             ));
         }
-        Ok(resumed.tally)
+        Ok((resumed.tally, resumed.proof))
     }
 }

@@ -5,7 +5,8 @@
 //! [`sweep`] makes runs of one scene with other numbers.
 //!
 //! A run is made of these: [`Tracer`] is a scene ready to trace. [`precision`] chooses the tier, [`stopping`] ends a trace
-//! early, and [`checkpoint`] keeps sums in a file. [`difference`] and [`gradients`] trace in blocks of rays.
+//! early, and [`checkpoint`] keeps sums in a file. [`proof`] keeps
+//! hashes of them, and [`verify`] says what of a result is proven. [`difference`] and [`gradients`] trace in blocks of rays.
 
 pub mod additions;
 mod blocks;
@@ -16,11 +17,13 @@ mod go;
 pub mod gradients;
 mod outcome;
 pub mod precision;
+pub mod proof;
 mod session;
 mod status;
 pub mod stopping;
 pub mod sweep;
 mod tracer;
+pub mod verify;
 
 pub use crate::engine::options::{Collect, RecordPaths, StandardError, Strict, TraceOptions};
 pub use crate::engine::pipeline_cache::{PipelineCache, Shaders};
@@ -81,6 +84,7 @@ pub struct Run<'a> {
     time_limit: Option<Duration>,
     rows: RowStorage,
     saves: Option<Saves>,
+    has_proof: bool,
     resumed: Option<(PathBuf, Checkpoint)>,
     has_profile: bool,
     pass_time: Option<Duration>,
@@ -160,6 +164,7 @@ impl<'a> Run<'a> {
             time_limit: None,
             rows: RowStorage::default(),
             saves: None,
+            has_proof: false,
             resumed: None,
             has_profile: false,
             pass_time: None,
@@ -291,6 +296,13 @@ impl<'a> Run<'a> {
     /// [`Error::File`] if the file cannot be read, or is damaged.
     pub fn resume(self, path: &Path) -> Result<Self> {
         Ok(Run { resumed: Some((path.into(), Checkpoint::read(path)?)), ..self })
+    }
+
+    /// Keeps a proof with the sums: a hash of the sums of each of 64 ranges of rays. A trace that goes on from sums with a
+    /// proof keeps it without being asked.
+    #[must_use]
+    pub fn proof(self) -> Self {
+        Run { has_proof: true, ..self }
     }
 
     /// Times the stages on the device. The trace becomes slower.

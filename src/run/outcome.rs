@@ -5,6 +5,7 @@ use crate::model::Sequence;
 use crate::result::{Tally, TraceResult};
 use crate::run::TraceOptions;
 use crate::run::checkpoint::{self, Identity};
+use crate::run::proof::Proof;
 use glam::DVec3;
 use std::collections::HashMap;
 
@@ -17,6 +18,8 @@ pub struct Outcome {
     pub tally: Tally,
     /// The trace to which the sums belong.
     pub identity: Identity,
+    /// The proof of the sums, where one was kept ([`crate::Run::proof`]).
+    pub proof: Option<Proof>,
     /// The options that the scene was traced with.
     pub options: TraceOptions,
     /// Where some ray came to the end of each path of the table, if there is one, in the scene's frame \[mm\].
@@ -44,7 +47,7 @@ impl Outcome {
     /// # Errors
     /// [`Error::Internal`] if the sums cannot be encoded.
     pub fn sums(&self) -> Result<Vec<u8>> {
-        checkpoint::encode(&self.identity, &self.tally)
+        checkpoint::encode(&self.identity, &self.tally, self.proof.as_ref())
     }
 }
 

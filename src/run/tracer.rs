@@ -177,6 +177,11 @@ impl<'a> Tracer<'a> {
         self.engine.pause = Some(position);
     }
 
+    /// Ends a pass at a position, or before it where [`Tracer::pause_at`] says so, in a trace that goes on from `at`.
+    pub(crate) fn pause_before(&mut self, at: u64, position: u64) {
+        self.engine.pause_before(at, position);
+    }
+
     /// The position from which a trace goes on that has come as far as `begun`.
     ///
     /// # Errors
