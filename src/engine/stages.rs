@@ -140,7 +140,7 @@ impl Stages {
         };
         let has_others = !added_at_once.is_empty() || has_queue;
         let (trace_new, others) =
-            side_by_side(|| pipeline(program.entry_point()), has_others.then_some(others))?;
+            side_by_side(|| pipeline(program.entry_point), has_others.then_some(others))?;
         let trace_new = FirstStage::new("trace_new", trace_new?);
         let (added_at_once, rounds) = others.transpose()?.unwrap_or_default();
         let added = added_stages(&extra.stages, added_at_once);

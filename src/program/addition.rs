@@ -160,8 +160,16 @@ impl ShaderAdditions {
     }
 
     /// The entry point that follows new rays, in the place of the plain one.
-    pub fn entry_point(&self) -> Option<&'static str> {
-        self.all().find_map(ShaderAddition::entry_point)
+    ///
+    /// # Errors
+    /// [`Error::Internal`] if two additions have one.
+    pub fn entry_point(&self) -> Result<Option<&'static str>> {
+        let mut names = self.all().filter_map(ShaderAddition::entry_point);
+        let first = names.next();
+        match names.next() {
+            None => Ok(first),
+            Some(name) => Err(Error::Internal(format!("a second addition has an entry point, {name}"))),
+        }
     }
 
     /// Most rows for the host that one launched ray makes beside those of the plain loop.
@@ -172,8 +180,56 @@ impl ShaderAdditions {
     /// Rewrites the parsed module, if one of them does.
     ///
     /// # Errors
-    /// As [`ShaderAddition::rewrite`].
+    /// As [`ShaderAddition::rewrite`], and [`Error::Internal`] if two of them do.
     pub fn rewrite(&self, module: &Module, real: Scalar) -> Result<Option<(Module, String)>> {
-        self.all().find_map(|addition| addition.rewrite(module, real).transpose()).transpose()
+        let mut rewritten = self.all().filter_map(|addition| addition.rewrite(module, real).transpose());
+        let first = rewritten.next().transpose()?;
+        match rewritten.next() {
+            None => Ok(first),
+            Some(_) => Err(Error::Internal("a second addition rewrites the shader".into())),
+        }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    /// An addition with an entry point, or that rewrites the module; with neither where both are false.
+    #[derive(Debug)]
+    struct Greedy {
+        enters: bool,
+        rewrites: bool,
+    }
+
+    impl ShaderAddition for Greedy {
+        fn entry_point(&self) -> Option<&'static str> {
+            self.enters.then_some("trace_greedily")
+        }
+
+        fn rewrite(&self, module: &Module, _: Scalar) -> Result<Option<(Module, String)>> {
+            Ok(self.rewrites.then(|| (module.clone(), "rewritten".into())))
+        }
+    }
+
+    fn additions(all: [[bool; 2]; 3]) -> ShaderAdditions {
+        let greedy = |[enters, rewrites]| Arc::new(Greedy { enters, rewrites }) as Arc<dyn ShaderAddition>;
+        ShaderAdditions(all.map(greedy).into())
+    }
+
+    #[test]
+    fn one_addition_alone_enters_and_one_alone_rewrites() {
+        let module = Module::default();
+        let one = additions([[false, false], [true, false], [false, true]]);
+        assert_eq!(one.entry_point().unwrap(), Some("trace_greedily"));
+        assert_eq!(one.rewrite(&module, Scalar::F32).unwrap().unwrap().1, "rewritten");
+        let none = additions([[false, false]; 3]);
+        assert_eq!(none.entry_point().unwrap(), None);
+        assert!(none.rewrite(&module, Scalar::F32).unwrap().is_none());
+        let two = additions([[true, false], [false, false], [true, false]]);
+        assert!(matches!(two.entry_point(), Err(Error::Internal(_))));
+        let two = additions([[false, true], [false, false], [false, true]]);
+        assert!(matches!(two.rewrite(&module, Scalar::F32), Err(Error::Internal(_))));
     }
 }

@@ -38,6 +38,8 @@ pub struct Program {
     pub sums: SumBuffers,
     /// What additions give to the plain module.
     pub additions: ShaderAdditions,
+    /// The entry point that follows new rays.
+    pub entry_point: &'static str,
     /// The scene's centre: positions on the device are relative to it \[mm\].
     pub centre: DVec3,
     /// The random generator's table, which depends on the seed.
@@ -120,7 +122,9 @@ impl Program {
         let parsed = parse(composition.compose(&additions)?, scene.options.precision, &additions)?;
         let numbers = composition.numbers.bytes(&parsed.module)?;
         let ProgramInput { options, features, splitting, centre, cells, constant_weights, .. } = scene;
+        let plain_entry_point = if features.splits { "trace_split" } else { "trace_new" };
         let mut program = Program {
+            entry_point: additions.entry_point()?.unwrap_or(plain_entry_point),
             parsed,
             max_events_per_ray: max_events_per_ray(ir, &features, &options),
             features,
@@ -232,12 +236,6 @@ impl Program {
         }
         let records = tables::source_records(ir, self.centre, &self.options.weights);
         records.bytes_by_row(&self.module, self.options.precision)
-    }
-
-    /// The entry point that follows new rays.
-    pub fn entry_point(&self) -> &'static str {
-        let plain = if self.features.splits { "trace_split" } else { "trace_new" };
-        self.additions.entry_point().unwrap_or(plain)
     }
 
     /// Most rays that one launched ray can become.
