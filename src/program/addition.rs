@@ -214,7 +214,9 @@ mod tests {
     }
 
     fn additions(all: [[bool; 2]; 3]) -> ShaderAdditions {
-        let greedy = |[enters, rewrites]| Arc::new(Greedy { enters, rewrites }) as Arc<dyn ShaderAddition>;
+        let greedy = |[enters, rewrites]: [bool; 2]| -> Arc<dyn ShaderAddition> {
+            Arc::new(Greedy { enters, rewrites })
+        };
         ShaderAdditions(all.map(greedy).into())
     }
 

@@ -7,7 +7,7 @@ use crate::model::{Detector, SceneIr, SourceFunction, Surface};
 use crate::program::addition::{ProgramAddition, ShaderAdditions};
 use crate::program::features::Features;
 use crate::program::geometry::{bvh, contact, mesh, tree};
-use crate::program::input::{Changes, ProgramInput};
+use crate::program::input::ProgramInput;
 use crate::program::layout::kind_tables::Places;
 use crate::program::layout::reals::{StructLayout, put_real};
 use crate::program::layout::splitting::Splitting;
@@ -101,14 +101,7 @@ impl Program {
         seed: u64,
         parse: impl FnOnce(String, Precision, &ShaderAdditions) -> Result<Arc<Parsed>>,
     ) -> Result<Self> {
-        let changes = Changes {
-            prepare: &|features, options| {
-                additions.iter().for_each(|addition| addition.prepare(features, options))
-            },
-            cells: &|cells| additions.iter().try_fold(cells, |cells, addition| addition.cells(cells)),
-            sums_weights: additions.iter().any(|addition| addition.sums_weights()),
-        };
-        let scene = ProgramInput::of(ir, options, &changes)?;
+        let scene = ProgramInput::of(ir, options, additions)?;
         let additions = ShaderAdditions::of(additions, &scene);
         // Sums that follow from counts are none of the device's.
         let num_sums = if scene.constant_weights { 0 } else { scene.cells.num_sums };

@@ -9,6 +9,7 @@ pub mod input;
 pub mod layout;
 pub mod options;
 pub mod parsed;
+mod prepare_input;
 #[allow(clippy::wildcard_enum_match_arm, reason = "of what naga has, it is refused what shaders do not use")]
 pub mod rewrite;
 pub mod wgsl;
