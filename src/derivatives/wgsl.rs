@@ -7,7 +7,7 @@ use crate::model::shapes::{Normal, Quadric};
 use crate::model::{Shape, ShapeKind};
 use crate::program::addition::ShaderAddition;
 use crate::program::input::ProgramInput;
-use crate::program::layout::records::Records;
+use crate::program::layout::row_table::RowTable;
 use crate::program::layout::{bindings, tables};
 use crate::program::rewrite::jvp::NUM_TANGENTS;
 use crate::program::rewrite::{jvp, transpose};
@@ -97,7 +97,7 @@ impl Composition<'_> {
     fn crossing_step(&self) -> Result<String> {
         let primitives = primitives(self.ir);
         let quadric = |shape: &Shape| shape.quadric().unwrap_or(Quadric::PLANE);
-        let mut records = Records::new("Crossed", "crossed", bindings::PRIMITIVES);
+        let mut records = RowTable::new("Crossed", "crossed", bindings::PRIMITIVES);
         tables::put_frames(&mut records, self.ir, primitives.iter().map(|(frame, _)| frame), self.centre);
         records.real("radial", primitives.iter().map(|(_, shape)| quadric(shape).radial));
         records.real("axial", primitives.iter().map(|(_, shape)| quadric(shape).axial));

@@ -2,8 +2,8 @@
 
 use crate::model::{Precision, SceneIr};
 use crate::program::features::Features;
-use crate::program::layout::records::Records;
 use crate::program::layout::rng::Sampler;
+use crate::program::layout::row_table::RowTable;
 use crate::program::layout::tables;
 use glam::DVec3;
 
@@ -130,7 +130,7 @@ impl ProgramOptions {
         centre: DVec3,
         primitives: &[u32],
         num_others: usize,
-    ) -> Option<Records> {
+    ) -> Option<RowTable> {
         let records = tables::numbered_primitive_records(ir, centre, primitives);
         let makes_reals = match self.precision {
             Precision::F32 => true,

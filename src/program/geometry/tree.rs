@@ -18,7 +18,7 @@ use crate::model::Precision;
 use crate::model::{Frame, Mesh, SceneIr, Shape};
 use crate::program::geometry::bvh::Forest;
 use crate::program::geometry::contact::Contacts;
-use crate::program::layout::records::Records;
+use crate::program::layout::row_table::RowTable;
 use glam::DVec3;
 use obvhs::aabb::Aabb;
 
@@ -36,7 +36,7 @@ pub struct PrimitiveTree {
     num_boxed: usize,
     /// The records that shaders read, if they are stored in the rows that follow the nodes. Otherwise these rows hold
     /// numbers alone.
-    pub records: Option<Records>,
+    pub records: Option<RowTable>,
 }
 
 impl PrimitiveTree {

@@ -3,7 +3,7 @@
 
 use crate::model::{Bsdf, BsdfKind, Scatter, SceneIr, Surface};
 use crate::program::layout::kind_tables::Places;
-use crate::program::layout::records::Records;
+use crate::program::layout::row_table::RowTable;
 
 /// The kinds that occur, without repetition.
 pub fn kinds(ir: &SceneIr) -> Vec<BsdfKind> {
@@ -32,7 +32,7 @@ impl Branch {
 }
 
 /// Adds what shaders/stages/scatter.on.wgsl and shaders/bsdfs/ read of a surface.
-pub fn put_columns(records: &mut Records, ir: &SceneIr, kinds: &[BsdfKind], places: &Places) {
+pub fn put_columns(records: &mut RowTable, ir: &SceneIr, kinds: &[BsdfKind], places: &Places) {
     if kinds.is_empty() {
         return;
     }

@@ -2,10 +2,10 @@
 
 use crate::model::{Coating, SceneIr};
 use crate::program::layout::kind_tables::Places;
-use crate::program::layout::records::Records;
+use crate::program::layout::row_table::RowTable;
 
 /// Adds what shaders/optics/coating.tabulated.wgsl reads of a surface.
-pub fn put_columns(records: &mut Records, ir: &SceneIr, places: &Places) {
+pub fn put_columns(records: &mut RowTable, ir: &SceneIr, places: &Places) {
     let coatings = || ir.surfaces.iter().map(|surface| surface.coating.as_ref());
     let tables = coatings().map(|coating| coating.map(Coating::tabulated));
     let columns: Vec<(u32, u32)> = tables

@@ -6,8 +6,8 @@ pub mod coating;
 pub mod kind_tables;
 pub mod numbers;
 pub mod reals;
-pub mod records;
 pub mod rng;
+pub mod row_table;
 
 pub mod splitting;
 pub mod sums;

@@ -12,7 +12,7 @@ use crate::program::layout::bindings;
 use crate::program::layout::bsdf;
 use crate::program::layout::coating;
 use crate::program::layout::kind_tables::Places;
-use crate::program::layout::records::Records;
+use crate::program::layout::row_table::RowTable;
 use glam::{DMat3, DVec3};
 
 /// Columns for the numbers of shapes in every table of them.
@@ -253,8 +253,8 @@ pub fn is_rotated(rotation: DMat3) -> bool {
 }
 
 /// The surfaces' records.
-pub fn surface_records(ir: &SceneIr, centre: DVec3, features: &Features) -> Records {
-    let mut records = Records::new("Surface", "surface", bindings::SURFACES);
+pub fn surface_records(ir: &SceneIr, centre: DVec3, features: &Features) -> RowTable {
+    let mut records = RowTable::new("Surface", "surface", bindings::SURFACES);
     let places = Places::of(ir);
     records.uint("interaction", ir.surfaces.iter().map(|s| interaction_code(&s.interaction)));
     put_frames(&mut records, ir, ir.surfaces.iter().map(|s| &s.frame), centre);
@@ -296,13 +296,13 @@ pub fn surface_records(ir: &SceneIr, centre: DVec3, features: &Features) -> Reco
 }
 
 /// Media as the shaders read them, a row per medium and wavelength: n, and 4 pi k / lambda \[1/mm\].
-pub fn medium_records(ir: &SceneIr) -> Records {
+pub fn medium_records(ir: &SceneIr) -> RowTable {
     const UM_PER_MM: f64 = 1e3;
     let absorption =
         |medium: &Medium, w: usize| 4.0 * std::f64::consts::PI * medium.k[w] / ir.wavelengths[w] * UM_PER_MM;
     let wavelengths = 0..ir.wavelengths.len();
     let rows = || ir.media.iter().flat_map(|medium| wavelengths.clone().map(move |w| (medium, w)));
-    let mut records = Records::new("Medium", "medium", bindings::MEDIA);
+    let mut records = RowTable::new("Medium", "medium", bindings::MEDIA);
     records.real("n", rows().map(|(medium, w)| medium.n[w]));
     records.real("absorption", rows().map(|(medium, w)| absorption(medium, w)));
     records
@@ -319,7 +319,7 @@ fn interaction_code(interaction: &Interaction) -> u32 {
 
 /// Origin relative to the centre, and the rotation's columns if any frame of the table is rotated.
 pub fn put_frames<'a>(
-    records: &mut Records,
+    records: &mut RowTable,
     ir: &SceneIr,
     frames: impl Iterator<Item = &'a Frame> + Clone,
     centre: DVec3,
@@ -337,8 +337,8 @@ pub fn put_frames<'a>(
 }
 
 /// The record of every primitive in contact. `facets`: see shaders/geometry/facets.touching.wgsl.
-pub fn contact_records(ir: &SceneIr, contacts: &Contacts, facets: &FacetTable) -> Records {
-    let mut records = Records::new("Contact", "contact", bindings::CONTACTS);
+pub fn contact_records(ir: &SceneIr, contacts: &Contacts, facets: &FacetTable) -> RowTable {
+    let mut records = RowTable::new("Contact", "contact", bindings::CONTACTS);
     let primitives = &contacts.primitives;
     records.uint("group", primitives.iter().map(|c| c.group));
     records.uint("layer", primitives.iter().map(|c| 1 << c.layer));
@@ -408,8 +408,8 @@ impl FacetTable {
 }
 
 /// The sources' records; `weights` are those that their rays are born with.
-pub fn source_records(ir: &SceneIr, centre: DVec3, weights: &[f64]) -> Records {
-    let mut records = Records::new("Source", "source", bindings::SOURCE);
+pub fn source_records(ir: &SceneIr, centre: DVec3, weights: &[f64]) -> RowTable {
+    let mut records = RowTable::new("Source", "source", bindings::SOURCE);
     let sources = &ir.sources;
     records.uint("kind", sources.iter().map(|e| e.kind.kind() as u32));
     records.uint("medium", sources.iter().map(|e| e.medium as u32));
@@ -429,10 +429,10 @@ pub fn source_records(ir: &SceneIr, centre: DVec3, weights: &[f64]) -> Records {
 }
 
 /// The records of the first primitives, which are looked up in a table.
-pub fn primitive_records(ir: &SceneIr, centre: DVec3, num: usize) -> Records {
+pub fn primitive_records(ir: &SceneIr, centre: DVec3, num: usize) -> RowTable {
     let mut primitives = primitives(ir);
     primitives.truncate(num);
-    let mut records = Records::new("Primitive", "primitive", bindings::PRIMITIVES);
+    let mut records = RowTable::new("Primitive", "primitive", bindings::PRIMITIVES);
     records.uint("shape", primitives.iter().map(|(_, shape)| shape.kind().code()));
     put_frames(&mut records, ir, primitives.iter().map(|(frame, _)| frame), centre);
     let places = Places::of(ir);
@@ -442,7 +442,7 @@ pub fn primitive_records(ir: &SceneIr, centre: DVec3, num: usize) -> Records {
 }
 
 /// The numbers that functions of kinds take: as many columns as the row with the most has, and at least so many.
-fn put_arguments(records: &mut Records, name: &str, least: usize, rows: impl Iterator<Item = Vec<f64>>) {
+fn put_arguments(records: &mut RowTable, name: &str, least: usize, rows: impl Iterator<Item = Vec<f64>>) {
     let rows: Vec<Vec<f64>> = rows.collect();
     let num = rows.iter().map(Vec::len).fold(least, usize::max);
     for i in 0..num {
@@ -451,15 +451,15 @@ fn put_arguments(records: &mut Records, name: &str, least: usize, rows: impl Ite
 }
 
 /// The records of a tree's primitives, a permutation of the first ones, each with its number.
-pub fn numbered_primitive_records(ir: &SceneIr, centre: DVec3, primitives: &[u32]) -> Records {
+pub fn numbered_primitive_records(ir: &SceneIr, centre: DVec3, primitives: &[u32]) -> RowTable {
     let mut records = primitive_records(ir, centre, primitives.len()).picked(primitives);
     records.uint("number", primitives.iter().copied());
     records
 }
 
 /// The detectors' records.
-pub fn detector_records(ir: &SceneIr, centre: DVec3, cells: &Cells) -> Records {
-    let mut records = Records::new("Detector", "detector", bindings::DETECTORS);
+pub fn detector_records(ir: &SceneIr, centre: DVec3, cells: &Cells) -> RowTable {
+    let mut records = RowTable::new("Detector", "detector", bindings::DETECTORS);
     let detectors = &ir.detectors;
     records.uint("kind", detectors.iter().map(|s| s.kind.function().code()));
     records.uint("absorb", detectors.iter().map(|s| u32::from(s.absorb)));

@@ -3,7 +3,7 @@
 
 use crate::error::Result;
 use crate::program::addition::ShaderAdditions;
-use crate::program::layout::records::Records;
+use crate::program::layout::row_table::RowTable;
 use crate::program::layout::tables;
 use crate::program::wgsl::composition::Composition;
 use std::fmt::Write;
@@ -73,7 +73,7 @@ impl Composition<'_> {
         }
     }
 
-    pub(super) fn contact_records(&self) -> Records {
+    pub(super) fn contact_records(&self) -> RowTable {
         tables::contact_records(self.ir, &self.contacts, &self.facets)
     }
 
@@ -89,7 +89,7 @@ impl Composition<'_> {
         }
     }
 
-    fn rows_of(&self, records: &Records, baked: bool) -> Result<String> {
+    fn rows_of(&self, records: &RowTable, baked: bool) -> Result<String> {
         match baked {
             true => records.baked(&self.numbers),
             false => {

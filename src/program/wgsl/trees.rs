@@ -1,7 +1,7 @@
 //! Trees of boxes in the module: whether there are any, where their rows lie, and how a walk keeps waiting groups.
 
 use crate::model::Precision;
-use crate::program::layout::records::Records;
+use crate::program::layout::row_table::RowTable;
 use crate::program::wgsl::composition::Composition;
 
 impl Composition<'_> {
@@ -30,7 +30,7 @@ impl Composition<'_> {
     }
 
     /// The records of primitives that are stored with their tree.
-    pub(super) fn tree_records(&self) -> Option<&Records> {
+    pub(super) fn tree_records(&self) -> Option<&RowTable> {
         self.tree.as_ref()?.records.as_ref()
     }
 

@@ -1,4 +1,4 @@
-//! Records: small tables that shaders read by row, either compiled in (constants and selects) or from a buffer.
+//! Small tables that shaders read by row, either compiled in (constants and selects) or from a buffer.
 
 use crate::error::Result;
 use crate::model::Precision;
@@ -11,7 +11,7 @@ use std::sync::LazyLock;
 
 /// A table with one row per surface, detector, primitive, or medium and wavelength.
 #[derive(Debug, Clone)]
-pub struct Records {
+pub struct RowTable {
     /// Name of the struct in the shader.
     pub name: &'static str,
     /// Name of the variable and, with `_of`, of the function that gives a row.
@@ -35,15 +35,15 @@ enum Values {
     Uint(Vec<u32>),
 }
 
-impl Records {
+impl RowTable {
     /// An empty table.
     pub fn new(name: &'static str, rows: &'static str, binding: u32) -> Self {
-        Records { name, rows, binding, live: false, columns: Vec::new() }
+        RowTable { name, rows, binding, live: false, columns: Vec::new() }
     }
 
     /// With all reals in the buffer, so that the text does not depend on them.
     pub fn with_live(self, live: bool) -> Self {
-        Records { live, ..self }
+        RowTable { live, ..self }
     }
 
     /// Adds a column of reals.
@@ -101,7 +101,7 @@ impl Records {
         let (name, rows, precision) = (self.name, self.rows, numbers.precision());
         let varying = self.varying();
         let mut text = declaration(name, self.columns.iter());
-        let mut row = "";
+        let mut row = String::new();
         if !varying.is_empty() {
             let count = varying[0].len();
             let (stride, padding) = uniform_stride(&varying, precision);
@@ -116,13 +116,12 @@ impl Records {
                 format!("var<storage, read> {rows}_table: array<{name}Row>")
             };
             let _ = writeln!(text, "@group({}) @binding({}) {memory};", bindings::SCENE, self.binding);
-            row = "let row = {rows}_table[i];\n    ";
+            row = format!("let row = {rows}_table[i];\n    ");
         }
         let field = |column: &Column| -> Result<String> {
             if self.is_varying(column) { Ok(format!("row.{}", column.name)) } else { column.chosen(numbers) }
         };
         let fields = self.columns.iter().map(field).collect::<Result<Vec<String>>>()?.join(",\n        ");
-        let row = row.replace("{rows}", rows);
         let _ = writeln!(
             text,
             "fn {rows}_of(i: u32) -> {name} {{\n    {row}return {name}(\n        {fields},\n    );\n}}"
@@ -133,7 +132,7 @@ impl Records {
     /// Some of the rows, in this order.
     pub fn picked(&self, rows: &[u32]) -> Self {
         let pick = |column: &Column| Column { name: column.name.clone(), values: column.values.picked(rows) };
-        Records { columns: self.columns.iter().map(pick).collect(), ..self.clone() }
+        RowTable { columns: self.columns.iter().map(pick).collect(), ..self.clone() }
     }
 
     /// True if rows differ in a column.
