@@ -8,7 +8,6 @@ pub mod numbers;
 pub mod reals;
 pub mod rng;
 pub mod row_table;
-
 pub mod splitting;
 pub mod sums;
 pub mod tables;

@@ -4,7 +4,7 @@
 use crate::error::Result;
 use naga::{
     AtomicFunction, BinaryOperator, Block, Expression, Function, Handle, Literal, Range, Scalar, Span,
-    Statement, SwitchCase,
+    Statement, SwitchCase, Type,
 };
 
 /// A function that is written.
@@ -55,6 +55,10 @@ pub(super) trait Rewrite: FunctionBuilder {
     /// Appends what an old statement becomes.
     fn statement(&mut self, statement: &Statement, out: &mut Block) -> Result<()>;
 
+    fn values(&mut self, old: &[Handle<Expression>]) -> Result<Vec<Handle<Expression>>> {
+        old.iter().map(|old| self.value(*old)).collect()
+    }
+
     fn optional(&mut self, old: Option<Handle<Expression>>) -> Result<Option<Handle<Expression>>> {
         old.map(|old| self.value(old)).transpose()
     }
@@ -65,6 +69,55 @@ pub(super) trait Rewrite: FunctionBuilder {
             self.statement(statement, &mut out)?;
         }
         Ok(out)
+    }
+
+    /// The type of the new module in the place of an old one.
+    fn new_type(&mut self, old: Handle<Type>) -> Result<Handle<Type>> {
+        Ok(old)
+    }
+
+    /// An expression that is evaluated, with new values in the place of those it takes; none of any other expression.
+    fn with_new_operands(&mut self, old: &Expression) -> Result<Option<Expression>> {
+        Ok(Some(match *old {
+            Expression::Compose { ty, ref components } => {
+                Expression::Compose { ty: self.new_type(ty)?, components: self.values(components)? }
+            }
+            Expression::Splat { size, value } => Expression::Splat { size, value: self.value(value)? },
+            Expression::Swizzle { size, vector, pattern } => {
+                Expression::Swizzle { size, vector: self.value(vector)?, pattern }
+            }
+            Expression::Access { base, index } => {
+                Expression::Access { base: self.value(base)?, index: self.value(index)? }
+            }
+            Expression::AccessIndex { base, index } => {
+                Expression::AccessIndex { base: self.value(base)?, index }
+            }
+            Expression::Load { pointer } => Expression::Load { pointer: self.value(pointer)? },
+            Expression::ArrayLength(array) => Expression::ArrayLength(self.value(array)?),
+            Expression::Relational { fun, argument } => {
+                Expression::Relational { fun, argument: self.value(argument)? }
+            }
+            Expression::Unary { op, expr } => Expression::Unary { op, expr: self.value(expr)? },
+            Expression::Binary { op, left, right } => {
+                Expression::Binary { op, left: self.value(left)?, right: self.value(right)? }
+            }
+            Expression::Select { condition, accept, reject } => Expression::Select {
+                condition: self.value(condition)?,
+                accept: self.value(accept)?,
+                reject: self.value(reject)?,
+            },
+            Expression::Math { fun, arg, arg1, arg2, arg3 } => Expression::Math {
+                fun,
+                arg: self.value(arg)?,
+                arg1: self.optional(arg1)?,
+                arg2: self.optional(arg2)?,
+                arg3: self.optional(arg3)?,
+            },
+            Expression::As { expr, kind, convert } => {
+                Expression::As { expr: self.value(expr)?, kind, convert }
+            }
+            _ => return Ok(None),
+        }))
     }
 
     /// What a statement becomes that decides, jumps or waits; none of any other statement.

@@ -59,6 +59,10 @@ impl FunctionBuilder for Rewriter<'_, '_> {
 }
 
 impl Rewrite for Rewriter<'_, '_> {
+    fn new_type(&mut self, old: Handle<naga::Type>) -> Result<Handle<naga::Type>> {
+        self.shared.map_type(old)
+    }
+
     fn value(&mut self, old: Value) -> Result<Value> {
         if let Some(new) = self.known.get(&old) {
             return Ok(*new);
@@ -102,7 +106,7 @@ impl Rewrite for Rewriter<'_, '_> {
             }
             Statement::Call { function, arguments, result } => {
                 let function = self.shared.functions[function];
-                let arguments = arguments.iter().map(|a| self.value(*a)).collect::<Result<_>>()?;
+                let arguments = self.values(arguments)?;
                 let result = result.map(|old| {
                     let new = self.append(Expression::CallResult(function));
                     self.known.insert(old, new);
@@ -170,6 +174,10 @@ impl Rewriter<'_, '_> {
         }
     }
 
+    fn has_reals(&self, old: Value) -> bool {
+        self.reals(old) != Reals::None
+    }
+
     /// The scalars of a new value that stands for a vector, or as many copies of a scalar.
     fn lanes(&mut self, old: Value, size: VectorSize, out: &mut Block) -> Result<Vec<Value>> {
         let value = self.value(old)?;
@@ -186,12 +194,7 @@ impl Rewriter<'_, '_> {
     }
 
     fn vector(&mut self, components: Vec<Value>, out: &mut Block) -> Value {
-        let size = match components.len() {
-            2 => VectorSize::Bi,
-            3 => VectorSize::Tri,
-            _ => VectorSize::Quad,
-        };
-        let ty = self.shared.columns(size);
+        let ty = self.shared.columns(size_of(&components));
         self.emit(Expression::Compose { ty, components }, out)
     }
 
@@ -204,67 +207,38 @@ impl Rewriter<'_, '_> {
     /// Rewrites an expression where it is evaluated.
     fn emitted(&mut self, old: Value, out: &mut Block) -> Result<Value> {
         let expression = &self.old.expressions[old];
-        let new = match expression {
-            Expression::Compose { ty, components } => match self.reals(old) {
-                Reals::Vector(_) => return self.compose(components, out),
-                _ => Expression::Compose {
-                    ty: self.shared.map_type(*ty)?,
-                    components: components.iter().map(|c| self.value(*c)).collect::<Result<_>>()?,
-                },
-            },
-            Expression::Splat { size, value } => match self.reals(*value) {
-                Reals::None => Expression::Splat { size: *size, value: self.value(*value)? },
-                _ => {
-                    let value = self.value(*value)?;
-                    return Ok(self.vector(vec![value; *size as usize], out));
-                }
-            },
-            Expression::Swizzle { size, vector, pattern } => {
+        match expression {
+            Expression::Compose { components, .. } if matches!(self.reals(old), Reals::Vector(_)) => {
+                self.compose(components, out)
+            }
+            Expression::Splat { size, value } if self.has_reals(*value) => {
+                let value = self.value(*value)?;
+                Ok(self.vector(vec![value; *size as usize], out))
+            }
+            Expression::Swizzle { size, vector, pattern } if self.has_reals(*vector) => {
                 let value = self.value(*vector)?;
-                if self.reals(*vector) == Reals::None {
-                    Expression::Swizzle { size: *size, vector: value, pattern: *pattern }
-                } else {
-                    let lanes = pattern[..*size as usize].to_vec();
-                    let lanes = lanes.iter().map(|lane| self.lane(value, *lane as u32, out)).collect();
-                    return Ok(self.vector(lanes, out));
-                }
+                let lanes = pattern[..*size as usize].iter();
+                let lanes = lanes.map(|lane| self.lane(value, *lane as u32, out)).collect();
+                Ok(self.vector(lanes, out))
             }
-            Expression::Access { base, index } => {
-                if self.reals(*base) != Reals::None {
-                    return Err(unknown(expression));
-                }
-                Expression::Access { base: self.value(*base)?, index: self.value(*index)? }
+            Expression::Access { base, .. } if self.has_reals(*base) => Err(unknown(expression)),
+            Expression::Unary { op, expr } if self.has_reals(*expr) => self.unary(*op, *expr, out),
+            Expression::Binary { op, left, right } if self.has_reals(*left) => {
+                self.binary(*op, *left, *right, out)
             }
-            Expression::AccessIndex { base, index } => {
-                Expression::AccessIndex { base: self.value(*base)?, index: *index }
-            }
-            Expression::Load { pointer } => Expression::Load { pointer: self.value(*pointer)? },
-            Expression::ArrayLength(array) => Expression::ArrayLength(self.value(*array)?),
-            Expression::Relational { fun, argument } => {
-                Expression::Relational { fun: *fun, argument: self.value(*argument)? }
-            }
-            Expression::Unary { op, expr } => return self.unary(*op, *expr, out),
-            Expression::Binary { op, left, right } => return self.binary(*op, *left, *right, out),
             Expression::Select { condition, accept, reject } => {
-                return self.select(*condition, *accept, *reject, out);
+                self.select(*condition, *accept, *reject, out)
             }
-            Expression::Math { fun, arg, arg1, arg2, arg3 } => {
-                if self.reals(*arg) != Reals::None {
-                    let arguments: Vec<Value> = [Some(*arg), *arg1, *arg2].into_iter().flatten().collect();
-                    return self.math(*fun, &arguments, out);
-                }
-                Expression::Math {
-                    fun: *fun,
-                    arg: self.value(*arg)?,
-                    arg1: self.optional(*arg1)?,
-                    arg2: self.optional(*arg2)?,
-                    arg3: self.optional(*arg3)?,
-                }
+            Expression::Math { fun, arg, arg1, arg2, .. } if self.has_reals(*arg) => {
+                let arguments: Vec<Value> = [Some(*arg), *arg1, *arg2].into_iter().flatten().collect();
+                self.math(*fun, &arguments, out)
             }
-            Expression::As { expr, kind, convert } => return self.conversion(*expr, *kind, *convert, out),
-            _ => return self.value(old),
-        };
-        Ok(self.emit(new, out))
+            Expression::As { expr, kind, convert } => self.conversion(*expr, *kind, *convert, out),
+            other => match self.with_new_operands(other)? {
+                Some(new) => Ok(self.emit(new, out)),
+                None => self.value(old),
+            },
+        }
     }
 
     /// A vector of scalars and shorter vectors.
@@ -291,7 +265,7 @@ impl Rewriter<'_, '_> {
             _ => None,
         });
         let Some(size) = size else {
-            let arguments = arguments.iter().map(|a| self.value(*a)).collect::<Result<Vec<_>>>()?;
+            let arguments = self.values(arguments)?;
             return Ok(vec![each(self, &arguments, out)?]);
         };
         let lanes = arguments.iter().map(|a| self.lanes(*a, size, out)).collect::<Result<Vec<_>>>()?;
@@ -315,10 +289,6 @@ impl Rewriter<'_, '_> {
     }
 
     fn unary(&mut self, op: UnaryOperator, old: Value, out: &mut Block) -> Result<Value> {
-        if self.reals(old) == Reals::None {
-            let expr = self.value(old)?;
-            return Ok(self.emit(Expression::Unary { op, expr }, out));
-        }
         self.lanewise_reals(&[old], out, |this, arguments, out| {
             Ok(this.emit(Expression::Unary { op, expr: arguments[0] }, out))
         })
@@ -341,10 +311,6 @@ impl Rewriter<'_, '_> {
     }
 
     fn binary(&mut self, op: BinaryOperator, left: Value, right: Value, out: &mut Block) -> Result<Value> {
-        if self.reals(left) == Reals::None {
-            let (left, right) = (self.value(left)?, self.value(right)?);
-            return Ok(self.emit(Expression::Binary { op, left, right }, out));
-        }
         let known = Known { left: self.narrow(left), right: self.narrow(right), same: left == right };
         if is_comparison(op) {
             let lanes =
@@ -355,11 +321,7 @@ impl Rewriter<'_, '_> {
     }
 
     fn bools(&mut self, components: Vec<Value>, out: &mut Block) -> Value {
-        let size = match components.len() {
-            2 => VectorSize::Bi,
-            3 => VectorSize::Tri,
-            _ => VectorSize::Quad,
-        };
+        let size = size_of(&components);
         let ty = self.shared.insert_type(None, TypeInner::Vector { size, scalar: Scalar::BOOL });
         self.emit(Expression::Compose { ty, components }, out)
     }
@@ -502,7 +464,7 @@ impl Rewriter<'_, '_> {
             (MathFunction::Cross, _) => "cross",
             other => return Err(unknown(other)),
         };
-        let arguments = arguments.iter().map(|a| self.value(*a)).collect::<Result<Vec<_>>>()?;
+        let arguments = self.values(arguments)?;
         self.call(name, &arguments, out)
     }
 
@@ -513,7 +475,7 @@ impl Rewriter<'_, '_> {
         convert: Option<naga::Bytes>,
         out: &mut Block,
     ) -> Result<Value> {
-        let from_real = self.reals(old) != Reals::None;
+        let from_real = self.has_reals(old);
         let to_real = kind == ScalarKind::Float && convert == Some(8);
         let value = self.value(old)?;
         let scalar = match self.info[old].ty.inner_with(&self.shared.old.types) {
@@ -581,6 +543,14 @@ struct Known {
     left: Narrow,
     right: Narrow,
     same: bool,
+}
+
+fn size_of(components: &[Value]) -> VectorSize {
+    match components.len() {
+        2 => VectorSize::Bi,
+        3 => VectorSize::Tri,
+        _ => VectorSize::Quad,
+    }
 }
 
 fn is_comparison(op: BinaryOperator) -> bool {

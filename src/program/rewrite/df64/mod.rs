@@ -7,12 +7,13 @@
 mod function;
 mod rewriting;
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 pub use crate::model::double_word::{join, rounded, split};
 pub use crate::program::layout::bindings::DF64_ZERO as ZERO;
 use crate::program::rewrite::df64::function::rewrite_function;
 use crate::program::rewrite::df64::rewriting::{PREFIX, Rewriting};
-use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
+use crate::program::rewrite::{validated, with_wgsl};
+use naga::valid::Capabilities;
 use naga::{Module, Span};
 
 /// Double-word arithmetic, which reads [`ZERO`].
@@ -21,24 +22,15 @@ pub const LIBRARY: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/sha
 /// The module with pairs in place of f64, and its WGSL. `source` must hold `shaders/math/df64.wgsl`.
 ///
 /// # Errors
-/// [`Error::Internal`] if the shader uses f64 in a way that has no counterpart.
+/// [`crate::error::Error::Internal`] if the shader uses f64 in a way that has no counterpart.
 pub fn rewrite(module: &Module) -> Result<(Module, String)> {
-    let info = validate(module, Capabilities::all())?;
+    const NAME: &str = "the df64 shader";
+    let info = validated(module, Capabilities::all(), NAME)?;
     let mut rewriting = Rewriting::new(module, &info);
     rewriting.globals()?;
     rewriting.functions()?;
     rewriting.entry_points()?;
-    let rewritten = rewriting.new;
-    let info = validate(&rewritten, Capabilities::all().difference(Capabilities::FLOAT64))?;
-    let wgsl = naga::back::wgsl::write_string(&rewritten, &info, naga::back::wgsl::WriterFlags::empty())
-        .map_err(|error| Error::internal("writing the df64 shader", &error))?;
-    Ok((rewritten, wgsl))
-}
-
-fn validate(module: &Module, capabilities: Capabilities) -> Result<ModuleInfo> {
-    Validator::new(ValidationFlags::all(), capabilities)
-        .validate(module)
-        .map_err(|error| Error::internal("the df64 shader", &error))
+    with_wgsl(rewriting.new, Capabilities::all().difference(Capabilities::FLOAT64), NAME)
 }
 
 impl Rewriting<'_> {

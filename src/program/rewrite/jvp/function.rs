@@ -214,10 +214,6 @@ impl Rewriter<'_, '_> {
         self.append(real_literal(self.shared.real, value))
     }
 
-    fn values(&mut self, old: &[Value]) -> Result<Vec<Value>> {
-        old.iter().map(|old| self.value(*old)).collect()
-    }
-
     /// The tangents of an old value; of a pointer, pointers to the twins of its variable.
     fn tangents(&mut self, old: Value) -> Tangents {
         if let Some(known) = self.tangents.get(&old) {
@@ -415,49 +411,10 @@ impl Rewriter<'_, '_> {
 
     /// An expression where it is evaluated, as it was.
     fn emitted(&mut self, old: Value, out: &mut Block) -> Result<Value> {
-        let new = match &self.old.expressions[old] {
-            Expression::Compose { ty, components } => {
-                Expression::Compose { ty: *ty, components: self.values(components)? }
-            }
-            Expression::Splat { size, value } => {
-                Expression::Splat { size: *size, value: self.value(*value)? }
-            }
-            Expression::Swizzle { size, vector, pattern } => {
-                Expression::Swizzle { size: *size, vector: self.value(*vector)?, pattern: *pattern }
-            }
-            Expression::Access { base, index } => {
-                Expression::Access { base: self.value(*base)?, index: self.value(*index)? }
-            }
-            Expression::AccessIndex { base, index } => {
-                Expression::AccessIndex { base: self.value(*base)?, index: *index }
-            }
-            Expression::Load { pointer } => Expression::Load { pointer: self.value(*pointer)? },
-            Expression::ArrayLength(array) => Expression::ArrayLength(self.value(*array)?),
-            Expression::Relational { fun, argument } => {
-                Expression::Relational { fun: *fun, argument: self.value(*argument)? }
-            }
-            Expression::Unary { op, expr } => Expression::Unary { op: *op, expr: self.value(*expr)? },
-            Expression::Binary { op, left, right } => {
-                Expression::Binary { op: *op, left: self.value(*left)?, right: self.value(*right)? }
-            }
-            Expression::Select { condition, accept, reject } => Expression::Select {
-                condition: self.value(*condition)?,
-                accept: self.value(*accept)?,
-                reject: self.value(*reject)?,
-            },
-            Expression::Math { fun, arg, arg1, arg2, arg3 } => Expression::Math {
-                fun: *fun,
-                arg: self.value(*arg)?,
-                arg1: self.optional(*arg1)?,
-                arg2: self.optional(*arg2)?,
-                arg3: self.optional(*arg3)?,
-            },
-            Expression::As { expr, kind, convert } => {
-                Expression::As { expr: self.value(*expr)?, kind: *kind, convert: *convert }
-            }
-            _ => return self.value(old),
-        };
-        Ok(self.emit(new, out))
+        match self.with_new_operands(&self.old.expressions[old])? {
+            Some(new) => Ok(self.emit(new, out)),
+            None => self.value(old),
+        }
     }
 
     /// The tangents of an expression that was just evaluated to `new`.

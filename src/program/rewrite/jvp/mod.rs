@@ -18,12 +18,13 @@ pub(in crate::program) mod rules;
 pub use crate::program::rewrite::jvp::parameters::{Parameter, Tangents};
 pub use crate::program::rewrite::jvp::reals::{place_reals, take_reals};
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::program::rewrite::jvp::function::{called_as_before, rewrite_function};
 pub use crate::program::rewrite::jvp::rewriting::BINDING_STRIDE;
 use crate::program::rewrite::jvp::rewriting::{NewFunction, Rewriting};
 use crate::program::rewrite::jvp::rules::rule;
-use naga::valid::{Capabilities, ValidationFlags, Validator};
+use crate::program::rewrite::{validated, with_wgsl};
+use naga::valid::Capabilities;
 use naga::{Expression, Literal, Module, Scalar, Span};
 
 /// The constant of a composed text that says how many tangents go beside each real.
@@ -43,24 +44,15 @@ pub fn num_tangents(module: &Module) -> usize {
 /// The module with `num` tangents beside every real, and its WGSL.
 ///
 /// # Errors
-/// [`Error::Internal`] if the shader does something with a real that has no rule.
+/// [`crate::error::Error::Internal`] if the shader does something with a real that has no rule.
 pub fn rewrite(module: &Module, real: Scalar, num: usize) -> Result<(Module, String)> {
-    let capabilities = Capabilities::all();
-    let validate = |module: &Module| {
-        Validator::new(ValidationFlags::all(), capabilities)
-            .validate(module)
-            .map_err(|error| Error::internal("the shader of derivatives", &error))
-    };
-    let info = validate(module)?;
+    const NAME: &str = "the shader of derivatives";
+    let info = validated(module, Capabilities::all(), NAME)?;
     let mut rewriting = Rewriting::new(module, &info, real, num);
     rewriting.globals();
     rewriting.functions()?;
     rewriting.entry_points()?;
-    let rewritten = rewriting.new;
-    let info = validate(&rewritten)?;
-    let wgsl = naga::back::wgsl::write_string(&rewritten, &info, naga::back::wgsl::WriterFlags::empty())
-        .map_err(|error| Error::internal("writing the shader of derivatives", &error))?;
-    Ok((rewritten, wgsl))
+    with_wgsl(rewriting.new, Capabilities::all(), NAME)
 }
 
 impl Rewriting<'_> {

@@ -1,13 +1,13 @@
 //! Writes the half of a function that goes forward: the function as it was, which records what the way back needs.
 
 use crate::error::Result;
-use crate::program::rewrite::function_builder::FunctionBuilder;
+use crate::program::rewrite::function_builder::{FunctionBuilder, Rewrite};
 use crate::program::rewrite::jvp::rules::{Rule, rule};
 use crate::program::rewrite::transpose::record::{Record, key_of};
 use crate::program::rewrite::transpose::transposer::Transposer;
 use naga::{
     AddressSpace, Block, Expression, Function, FunctionArgument, Handle, LocalVariable, Span, Statement,
-    SwitchCase, Type, TypeInner,
+    Type, TypeInner,
 };
 
 /// The function; a last argument points to the record, if there is one.
@@ -33,7 +33,7 @@ pub(super) fn write(
             forward.keep(value, &mut body);
         }
     }
-    forward.block(&old.body, &mut body)?;
+    body.extend_block(forward.block(&old.body)?);
     forward.new.body = body;
     Ok(forward.new)
 }
@@ -52,6 +52,29 @@ impl FunctionBuilder for Forward<'_, '_> {
     }
 }
 
+impl Rewrite for Forward<'_, '_> {
+    /// The function keeps its expressions.
+    fn value(&mut self, old: Handle<Expression>) -> Result<Handle<Expression>> {
+        Ok(old)
+    }
+
+    fn statement(&mut self, statement: &Statement, out: &mut Block) -> Result<()> {
+        let new = match statement {
+            Statement::Emit(range) => {
+                out.push(statement.clone(), Span::UNDEFINED);
+                range.clone().for_each(|value| self.keep(value, out));
+                return Ok(());
+            }
+            Statement::Call { function, arguments, result } => {
+                return self.call(statement, *function, arguments, *result, out);
+            }
+            other => self.control(other)?.unwrap_or_else(|| other.clone()),
+        };
+        out.push(new, Span::UNDEFINED);
+        Ok(())
+    }
+}
+
 impl Forward<'_, '_> {
     /// A pointer to a member of the record.
     fn member(&mut self, index: u32, out: &mut Block) -> Option<Handle<Expression>> {
@@ -65,50 +88,6 @@ impl Forward<'_, '_> {
         if let Some(pointer) = self.member(*index, out) {
             out.push(Statement::Store { pointer, value }, Span::UNDEFINED);
         }
-    }
-
-    fn inner(&mut self, block: &Block) -> Result<Block> {
-        let mut out = Block::new();
-        self.block(block, &mut out)?;
-        Ok(out)
-    }
-
-    fn block(&mut self, block: &Block, out: &mut Block) -> Result<()> {
-        block.iter().try_for_each(|statement| self.statement(statement, out))
-    }
-
-    fn statement(&mut self, statement: &Statement, out: &mut Block) -> Result<()> {
-        let new = match statement {
-            Statement::Emit(range) => {
-                out.push(statement.clone(), Span::UNDEFINED);
-                range.clone().for_each(|value| self.keep(value, out));
-                return Ok(());
-            }
-            Statement::Call { function, arguments, result } => {
-                return self.call(statement, *function, arguments, *result, out);
-            }
-            Statement::Block(block) => Statement::Block(self.inner(block)?),
-            Statement::If { condition, accept, reject } => Statement::If {
-                condition: *condition,
-                accept: self.inner(accept)?,
-                reject: self.inner(reject)?,
-            },
-            Statement::Switch { selector, cases } => Statement::Switch {
-                selector: *selector,
-                cases: cases
-                    .iter()
-                    .map(|case| Ok(SwitchCase { body: self.inner(&case.body)?, ..case.clone() }))
-                    .collect::<Result<_>>()?,
-            },
-            Statement::Loop { body, continuing, break_if } => Statement::Loop {
-                body: self.inner(body)?,
-                continuing: self.inner(continuing)?,
-                break_if: *break_if,
-            },
-            other => other.clone(),
-        };
-        out.push(new, Span::UNDEFINED);
-        Ok(())
     }
 
     fn call(

@@ -34,7 +34,8 @@ use crate::program::rewrite::jvp::rewriting::NewFunction;
 use crate::program::rewrite::transpose::names::{ADD_UP, BACK, WRITE};
 use crate::program::rewrite::transpose::side_effects::strip_side_effects;
 use crate::program::rewrite::transpose::transposer::Transposer;
-use naga::valid::{Capabilities, ValidationFlags, Validator};
+use crate::program::rewrite::{validated, with_wgsl};
+use naga::valid::Capabilities;
 use naga::{Function, Handle, Module, Scalar, Span, Statement};
 use std::collections::HashSet;
 
@@ -51,21 +52,13 @@ pub fn has_adjoints(module: &Module) -> bool {
 /// # Errors
 /// [`Error::NoWayBack`] if the shader does something that has no way back. [`Error::Internal`] if the module is wrong.
 pub fn rewrite(module: &Module, real: Scalar) -> Result<(Module, String)> {
-    let validate = |module: &Module| {
-        Validator::new(ValidationFlags::all(), Capabilities::all())
-            .validate(module)
-            .map_err(|error| Error::internal("the shader of adjoints", &error))
-    };
+    const NAME: &str = "the shader of adjoints";
     let stripped = strip_side_effects(module);
-    let info = validate(&stripped)?;
+    let info = validated(&stripped, Capabilities::all(), NAME)?;
     let mut transposer = Transposer::new(&stripped, &info, real);
     transposer.add_twins();
     transposer.functions()?;
-    let rewritten = transposer.rewriting.new;
-    let info = validate(&rewritten)?;
-    let wgsl = naga::back::wgsl::write_string(&rewritten, &info, naga::back::wgsl::WriterFlags::empty())
-        .map_err(|error| Error::internal("writing the shader of adjoints", &error))?;
-    Ok((rewritten, wgsl))
+    with_wgsl(transposer.rewriting.new, Capabilities::all(), NAME)
 }
 
 /// True of a function that a shader declares without a body, to be written here.
