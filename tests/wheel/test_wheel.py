@@ -41,11 +41,14 @@ def only(pattern):
     return found[0]
 
 
-def blocks(language):
-    """Return the blocks of code in "With the wheel"."""
+def blocks(text, language):
+    return re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL)
+
+
+def with_the_wheel(language):
+    """Return the blocks of code of the page's section."""
     page = (ROOT / "docs/start.md").read_text(encoding="utf-8")
-    section = page.split("\n## With the wheel\n")[1].split("\n## ")[0]
-    return re.findall(rf"```{language}\n(.*?)```", section, re.DOTALL)
+    return blocks(page.split("\n## With the wheel\n")[1].split("\n## ")[0], language)
 
 
 class Clock:
@@ -99,7 +102,7 @@ def bare(tmp_path_factory):
 @pytest.fixture(scope="session")
 def first_picture(bare):
     """Do what the page says, and return what has passed since `pip install` began."""
-    bare.python(blocks("python")[0])
+    bare.python(with_the_wheel("python")[0])
     return bare.clock.passed()
 
 
@@ -148,7 +151,7 @@ def test_the_first_picture_takes_less_than_two_minutes(bare, first_picture, caps
 
 
 def test_the_command_traces_what_python_wrote_to_the_same_flux(bare, first_picture):
-    for command in blocks("console")[-1].splitlines():
+    for command in with_the_wheel("console")[-1].splitlines():
         bare.run(["sh", "-c", command.removeprefix("$ ")])
     report = json.loads((bare.home / "results/report.json").read_text(encoding="utf-8"))
     flux = report["detectors"]["image"]["total_flux"]
@@ -160,6 +163,17 @@ def test_the_command_traces_what_python_wrote_to_the_same_flux(bare, first_pictu
     )
     assert flux == float(in_python) > 0.1
     assert colours(bare, bare.home / "window.png") > 100
+
+
+def test_the_first_cells_of_a_notebook_run(bare):
+    """A notebook shows the last expression of a cell, such as a result, as HTML."""
+    page = (ROOT / "docs/how-to/notebooks.md").read_text(encoding="utf-8")
+    scene = bare.home / "docs/example.json"
+    scene.parent.mkdir()
+    shutil.copy(ROOT / "docs/example.json", scene)
+    shown = bare.python("\n".join([*blocks(page, "python")[:4], "print(result._repr_html_())"]))
+    assert "<table" in shown and ">image<" in shown, shown
+    assert (bare.home / "run_1/report.json").is_file()
 
 
 def test_the_bits_are_those_of_the_tested_build(bare):
