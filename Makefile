@@ -10,6 +10,7 @@
 # make docs        builds the pages as a site, .docs/site/index.html; a broken link fails
 # make wheel       a wheel for any Linux on x86_64, and a source distribution, into dist/ (a whole release build)
 # make test-wheel  installs that wheel where there is no Rust, and does a first job there
+# make test-docs   looks at the site in Chromium: dead links, missing pictures, cut tables, the search
 # make test-drivers  the same bits from a second driver, SwiftShader, out of Debian's package chromium-common
 # make clean       removes what the others made
 #
@@ -52,7 +53,7 @@ FAST_BINARY = $(abspath $(TARGET_FOLDER)/release/nsq-gpu)
 # What measures stands beside what it measures.
 FAST_BENCH = $(dir $(FAST_BINARY))nsq-bench
 
-.PHONY: demo docs wheel test-wheel bench bench-live accuracy fast-binary test test-rust test-python test-random test-torch test-drivers test-long test-plain test-bare gpu-report build adapter display rust-components clean
+.PHONY: demo docs test-docs browser wheel test-wheel bench bench-live accuracy fast-binary test test-rust test-python test-random test-torch test-drivers test-long test-plain test-bare gpu-report build adapter display rust-components clean
 
 demo:
 	@$(MAKE) --no-print-directory adapter BINARY=$(FAST_BINARY) BUILD_ARGS="--release -p nsq-gpu"
@@ -71,13 +72,14 @@ bench-live: fast-binary .venv/installed
 accuracy: fast-binary .venv/installed
 	@$(PEER_PYTHON) benches/accuracy.py --binary $(FAST_BINARY) --against optiland -o accuracy-out --overwrite $(ACCURACY_ARGS)
 
-# Links, so that an edited page is the page that is built. Every link then means the same on the site as in the repository.
-docs: .venv-docs/installed
-	rm -rf .docs && mkdir -p .docs/pages/scenes
-	ln -s $(abspath README.md ARCHITECTURE.md CONTRIBUTING.md CHANGELOG.md docs benches examples) .docs/pages/
-	ln -s $(abspath scenes/README.md) .docs/pages/scenes/
-	.venv-docs/bin/mkdocs build --strict -f docs/mkdocs.yml
+# With the program, which writes a part of the reference, and traces what notebooks show. Only what notebooks printed is kept.
+docs: adapter .venv-docs/installed
+	@rm -rf .docs/site .docs/doctrees
+	@NSQ_GPU_BINARY=$(BINARY) .venv-docs/bin/sphinx-build -q -W --keep-going -c docs/site -d .docs/doctrees . .docs/site
 	@echo "written: .docs/site/index.html"
+
+test-docs: docs browser
+	@NSQ_GPU_BINARY=$(BINARY) .venv-docs/bin/python -m pytest -rs -q docs/site
 
 # zig links against glibc 2.17, which every Linux with glibc and Python 3.11 has; no library comes along.
 wheel: .venv-wheel/installed
@@ -151,6 +153,13 @@ display: build
 		( $(call apt_install,xvfb xauth) ) || echo "the test of a real window will be skipped" >&2; \
 	fi
 
+# The site is looked at in Chromium; without it these tests are skipped by name.
+browser:
+	@if ! command -v chromedriver >/dev/null && command -v apt-get >/dev/null; then \
+		echo "installing a browser"; \
+		( $(call apt_install,chromium chromium-driver) ) || echo "the tests in a browser will be skipped" >&2; \
+	fi
+
 rust-components:
 	@cargo fmt --version >/dev/null 2>&1 && cargo clippy --version >/dev/null 2>&1 \
 		|| rustup component add rustfmt clippy
@@ -168,7 +177,11 @@ rust-components:
 		"$$(.venv-torch/bin/python -m pip freeze | grep '^optiland==')"
 	tar -xzf $@.part/optiland-*.tar.gz --strip-components 1 -C $@.part && mv $@.part $@
 
-.venv-docs/installed: python/requirements-docs.txt
+# Borrows the packages of .venv: Optiland alone is a gigabyte.
+.venv-docs/installed: python/requirements-docs.txt .venv/installed
+	@rm -rf .venv-docs && $(PYTHON) -m venv .venv-docs
+	@.venv/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))' \
+		>"$$(.venv-docs/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/borrowed.pth"
 	@$(call python_environment,.venv-docs,$<)
 
 .venv-wheel/installed: python/requirements-wheel.txt
