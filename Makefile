@@ -7,6 +7,7 @@
 # make gpu-report  what this machine's adapter does: agreement, bits, speed, into gpu-report-out/; wants no network
 # make test-random the comparison with NumPy on RANDOM_SCENES random scenes from RANDOM_SEED (`make test` has 37)
 # make test-torch  the comparison with Optiland's Torch backend, and Optiland's own tests of scenes (installs gigabytes)
+# make notebooks   runs docs/notebooks, and writes them with what they show into notebooks-out/, for Jupyter
 # make docs        builds the pages as a site, .docs/site/index.html; a broken link fails
 # make wheel       a wheel for any Linux on x86_64, and a source distribution, into dist/ (a whole release build)
 # make test-wheel  installs that wheel where there is no Rust, and does a first job there
@@ -53,7 +54,7 @@ FAST_BINARY = $(abspath $(TARGET_FOLDER)/release/nsq-gpu)
 # What measures stands beside what it measures.
 FAST_BENCH = $(dir $(FAST_BINARY))nsq-bench
 
-.PHONY: demo docs test-docs browser wheel test-wheel bench bench-live accuracy fast-binary test test-rust test-python test-random test-torch test-drivers test-long test-plain test-bare gpu-report build adapter display rust-components clean
+.PHONY: demo docs notebooks test-docs browser wheel test-wheel bench bench-live accuracy fast-binary test test-rust test-python test-random test-torch test-drivers test-long test-plain test-bare gpu-report build adapter display rust-components clean
 
 demo:
 	@$(MAKE) --no-print-directory adapter BINARY=$(FAST_BINARY) BUILD_ARGS="--release -p nsq-gpu"
@@ -91,6 +92,11 @@ wheel: .venv-wheel/installed
 
 test-wheel: adapter wheel
 	NSQ_GPU_BINARY=$(BINARY) .venv-wheel/bin/python -m pytest -p no:cacheprovider tests/wheel
+
+notebooks: adapter .venv/installed
+	@cd python && NSQ_GPU_BINARY=$(BINARY) NSQ_GPU_NOTEBOOKS=$(abspath notebooks-out) $(PART) notebooks 90 \
+		../.venv/bin/python -m pytest -q --durations=5 tests/test_notebooks.py
+	@echo "written: notebooks-out"
 
 test: test-rust test-python
 
@@ -196,7 +202,7 @@ rust-components:
 
 clean:
 	cargo clean
-	rm -rf demo-out bench-out accuracy-out gpu-report-out dist .venv .venv-torch .venv-docs .venv-wheel .docs .drivers
+	rm -rf demo-out notebooks-out bench-out accuracy-out gpu-report-out dist .venv .venv-torch .venv-docs .venv-wheel .docs .drivers
 
 needs_cargo = command -v cargo >/dev/null || { echo "cargo is missing: see https://rustup.rs" >&2; exit 1; }
 

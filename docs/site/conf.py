@@ -11,6 +11,8 @@ BUILT = REPOSITORY / ".docs"
 PACKAGE = REPOSITORY / "python"
 PROGRAM = Path(os.environ["NSQ_GPU_BINARY"])
 sys.path[:0] = [str(Path(__file__).parent), str(PACKAGE)]
+# Kernels of notebooks import the package, too.
+os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(PACKAGE), os.environ.get("PYTHONPATH")]))
 
 
 def traced_by() -> str:
