@@ -5,7 +5,7 @@
 // turned inside out, or a solid before it is open. A ray that ends in a medium in which it was not born has left a
 // solid by no face. An absorber may bound a solid, and other fates may come anywhere, so that these ends tell nothing.
 
-// True where a ray may still be rejected, and then is traced anew (cpu/path/wrong_sides.wgsl). There it is not
+// True where a guard may still fail, and the ray is then traced anew (cpu/path/sides.guarded.wgsl). There it is not
 // counted, and noted in `went_wrong`.
 var<private> is_provisional: bool = false;
 var<private> went_wrong: bool = false;

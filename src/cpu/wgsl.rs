@@ -73,13 +73,13 @@ impl CpuShader {
 }
 
 impl ShaderAddition for CpuShader {
-    fn replaces(&self, slot: &str) -> Option<ShaderFile> {
-        match slot {
-            "stages/ids" => self.hot_path.as_ref().map(|_| shader!("stages/ids.listed.wgsl")),
-            "sums/ends" => self.deposit_log.as_ref().map(|_| shader!("cpu/log/ends.logged.wgsl")),
-            "sums/passes" => self.logs_passes().then_some(shader!("cpu/log/passes.logged.wgsl")),
-            _ => None,
-        }
+    fn replaces(&self) -> Vec<(&'static str, ShaderFile)> {
+        let files = [
+            (self.hot_path.is_some(), "stages/ids", shader!("stages/ids.listed.wgsl")),
+            (self.deposit_log.is_some(), "sums/ends", shader!("cpu/log/ends.logged.wgsl")),
+            (self.logs_passes(), "sums/passes", shader!("cpu/log/passes.logged.wgsl")),
+        ];
+        files.into_iter().filter_map(|(is_taken, slot, file)| is_taken.then_some((slot, file))).collect()
     }
 
     fn add(&self, composition: &Composition, text: &mut Text) -> Result<()> {

@@ -42,18 +42,21 @@ impl DerivativeShader {
 }
 
 impl ShaderAddition for DerivativeShader {
-    fn replaces(&self, slot: &str) -> Option<ShaderFile> {
-        match slot {
-            "sums/deposit" => Some(shader!("derivatives/seen.wgsl")),
-            "stages/taps" => Some(shader!("derivatives/taps.wgsl")),
-            "stages/hit" if self.num_tangents > 0 => Some(shader!("derivatives/tangents.wgsl")),
-            "stages/hit" => Some(shader!("derivatives/adjoints.wgsl")),
-            "optics/reflection" => self.branch,
-            "optics/attenuated" => Some(shader!("derivatives/bulk.wgsl")),
-            "optics/survival" => Some(shader!("derivatives/roulette.wgsl")),
-            "stages/scattered" => Some(shader!("derivatives/scatter.wgsl")),
-            _ => None,
-        }
+    fn replaces(&self) -> Vec<(&'static str, ShaderFile)> {
+        let hit = match self.num_tangents {
+            0 => shader!("derivatives/adjoints.wgsl"),
+            _ => shader!("derivatives/tangents.wgsl"),
+        };
+        let branch = self.branch.map(|file| ("optics/reflection", file));
+        let always = [
+            ("sums/deposit", shader!("derivatives/seen.wgsl")),
+            ("stages/taps", shader!("derivatives/taps.wgsl")),
+            ("stages/hit", hit),
+            ("optics/attenuated", shader!("derivatives/bulk.wgsl")),
+            ("optics/survival", shader!("derivatives/roulette.wgsl")),
+            ("stages/scattered", shader!("derivatives/scatter.wgsl")),
+        ];
+        always.into_iter().chain(branch).collect()
     }
 
     fn add(&self, composition: &Composition, text: &mut Text) -> Result<()> {

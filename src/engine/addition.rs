@@ -2,8 +2,8 @@
 //!
 //! The loop holds a list of additions, asks each of them in the order of the methods below, and knows none by name. A
 //! method that is not overridden adds nothing, so a capability is a type with the few methods that it needs, in a room of
-//! its own. Its half in the program is [`ProgramAddition`]: slots, text, cells. No addition changes a bit of what the
-//! plain loop sums.
+//! its own. Its half in the program is [`ProgramAddition`]: slots, text, cells. What pays on an adapter changes no bit of
+//! a result; another addition changes what it is asked to change, such as a filter of light.
 
 use crate::engine::Engine;
 use crate::engine::limits::DispatchLimits;
@@ -227,10 +227,10 @@ mod tests {
     }
 
     impl ShaderAddition for ShortSight {
-        fn replaces(&self, slot: &str) -> Option<ShaderFile> {
+        fn replaces(&self) -> Vec<(&'static str, ShaderFile)> {
             let text = "fn intersect(ray: Ray) -> Hit {\n    if ray.bounce >= 3u { return Hit(MISS, NONE); }\n    \
                         return plain_intersect(ray);\n}\n";
-            (slot == "stages/hit").then_some(ShaderFile { path: "of a test", text })
+            vec![("stages/hit", ShaderFile { path: "of a test", text })]
         }
     }
 
@@ -254,5 +254,36 @@ mod tests {
         assert_eq!((short.escaped, short.depth_killed.count), (plain.depth_killed, 0));
         assert_eq!(short.detectors, plain.detectors);
         assert_eq!(traced(64, Additions::default()).escaped.count, 0);
+    }
+
+    // A slip in the name of a slot.
+    #[derive(Debug)]
+    struct Misspelt;
+
+    impl ProgramAddition for Misspelt {
+        fn shader(&self, _scene: &ProgramInput) -> Arc<dyn ShaderAddition> {
+            Arc::new(Misspelt)
+        }
+    }
+
+    impl ShaderAddition for Misspelt {
+        fn replaces(&self) -> Vec<(&'static str, ShaderFile)> {
+            vec![("stages/hits", ShaderFile { path: "of a test", text: "" })]
+        }
+    }
+
+    impl Addition for Misspelt {}
+
+    #[test]
+    fn a_slot_that_does_not_exist_is_an_error() {
+        if crate::gpu::list_adapters().is_empty() {
+            return;
+        }
+        let gpu = Gpu::open(&AdapterChoice::default()).unwrap();
+        let ir = crate::Scene::from_json(TRAP).unwrap().lower().unwrap();
+        let mut additions = Additions::one(Misspelt);
+        let prepared = prepare(&gpu, &ir, &TraceOptions::default(), &mut additions, Shaders::default());
+        let error = prepared.err().unwrap().to_string();
+        assert!(error.contains("of a test is for the slot stages/hits, which does not exist"), "{error}");
     }
 }

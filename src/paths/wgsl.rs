@@ -49,20 +49,22 @@ impl PathShader {
 }
 
 impl ShaderAddition for PathShader {
-    fn replaces(&self, slot: &str) -> Option<ShaderFile> {
-        let is_listed = matches!(self.sums, PathSums::Events { .. });
-        match slot {
-            "stages/path" => Some(shader!("paths/followed.wgsl")),
-            "stages/lobe" => Some(shader!("paths/lobes.wgsl")),
-            "stages/family" => Some(shader!("paths/families.wgsl")),
-            "stages/queue_entry" => Some(shader!("paths/queued.wgsl")),
-            "stages/ids" => is_listed.then_some(shader!("stages/ids.listed.wgsl")),
-            "stages/launched" => is_listed.then_some(shader!("stages/launched.listed.wgsl")),
-            "sums/replicates" => {
-                matches!(self.sums, PathSums::Maps(_)).then_some(shader!("sums/replicates.by_path.wgsl"))
-            }
-            _ => None,
-        }
+    fn replaces(&self) -> Vec<(&'static str, ShaderFile)> {
+        let of_sums: &[_] = match self.sums {
+            PathSums::Events { .. } => &[
+                ("stages/ids", shader!("stages/ids.listed.wgsl")),
+                ("stages/launched", shader!("stages/launched.listed.wgsl")),
+            ],
+            PathSums::Maps(_) => &[("sums/replicates", shader!("sums/replicates.by_path.wgsl"))],
+            _ => &[],
+        };
+        let always = [
+            ("stages/path", shader!("paths/followed.wgsl")),
+            ("stages/lobe", shader!("paths/lobes.wgsl")),
+            ("stages/family", shader!("paths/families.wgsl")),
+            ("stages/queue_entry", shader!("paths/queued.wgsl")),
+        ];
+        [&always, of_sums].concat()
     }
 
     fn add(&self, composition: &Composition, text: &mut Text) -> Result<()> {

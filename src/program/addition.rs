@@ -13,8 +13,8 @@
 //! then the program is composed, and `Addition::pack` adds buffers to it.
 //!
 //! The plain program is complete without additions, and traces every scene. An addition may take the place of the file
-//! of a slot ([`crate::program::wgsl::variants`]), and may add constants, functions and entry points. Nothing in the
-//! plain program knows an addition by name.
+//! of a slot ([`crate::program::wgsl::variants`]), and may add constants, functions and entry points. The composition
+//! calls no addition by name. What it keeps for them is listed in docs/internals/engine.md: cells, bindings, options.
 
 use crate::error::{Error, Result};
 use crate::program::features::Features;
@@ -56,10 +56,10 @@ pub trait ProgramAddition: Sync {
 /// The WGSL that an addition gives to the module of a scene. A method that is not overridden leaves the plain module as
 /// it is.
 pub trait ShaderAddition: Debug + Any + Send + Sync {
-    /// The file that takes the place of a slot's own. The slot is named by its stem, such as `sums/ends`.
-    fn replaces(&self, slot: &str) -> Option<ShaderFile> {
-        let _ = slot;
-        None
+    /// Files that take the place of slots' own. A slot is named by its stem, such as `sums/ends`. A scene that does not
+    /// fill a slot does not take its file; a name that is no slot's is an error.
+    fn replaces(&self) -> Vec<(&'static str, ShaderFile)> {
+        Vec::new()
     }
 
     /// Adds constants, files and entry points, with comments that name their origin.
@@ -96,7 +96,7 @@ pub trait ShaderAddition: Debug + Any + Send + Sync {
         Ok(None)
     }
 
-    /// True if a sum of the addition may count every event of a ray, and is not read within a range.
+    /// True if the addition counts every event of a ray in sums of its own, which are read at the end of a range alone.
     fn counts_events_unread(&self) -> bool {
         false
     }
@@ -144,12 +144,17 @@ impl ShaderAdditions {
         self.all().any(has)
     }
 
+    /// The files that take the places of slots' own, with the stems of the slots.
+    pub fn replaced(&self) -> impl Iterator<Item = (&'static str, ShaderFile)> {
+        self.all().flat_map(ShaderAddition::replaces)
+    }
+
     /// The file that takes the place of a slot's own.
     ///
     /// # Errors
     /// [`Error::Internal`] if two additions want it for different files.
     pub fn file(&self, slot: &str) -> Result<Option<ShaderFile>> {
-        let mut files = self.all().filter_map(|addition| addition.replaces(slot));
+        let mut files = self.replaced().filter_map(|(stem, file)| (stem == slot).then_some(file));
         let first = files.next();
         match files.find(|file| first.is_some_and(|first| first.path != file.path)) {
             None => Ok(first),

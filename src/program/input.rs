@@ -11,7 +11,7 @@ use crate::program::layout::tables::{Cells, FacetTable};
 use crate::program::options::ProgramOptions;
 use glam::DVec3;
 
-/// What compositions and their extensions are made from.
+/// What compositions and additions are made from.
 #[derive(Debug)]
 pub struct ProgramInput<'a> {
     /// The scene.

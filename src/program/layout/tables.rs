@@ -34,7 +34,7 @@ pub struct Cells {
     /// The counter that tells whether splitting wanted more rays than the budget; behind the primitives'.
     pub saturated: Option<u32>,
     /// First of the counters of rays on the wrong side, where media border on each other: one a surface for rays that enter
-    /// a medium twice, then one a primitive for rays that end inside (shaders/optics/wrong_sides.wgsl).
+    /// a medium twice, then one a primitive for rays that end inside (shaders/optics/wrong_sides.counted.wgsl).
     pub wrong_sides: Option<u32>,
     /// Number of counters: one a cell, one a primitive, one of splitting, and those of wrong sides.
     pub num_counters: u32,

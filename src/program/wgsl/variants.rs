@@ -1,7 +1,7 @@
 //! The table of the files of shaders/ that a scene takes: one row a slot, with its twin files and the rule that picks
 //! one.
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::model::Precision;
 use crate::model::SourceFunction;
 use crate::program::addition::ShaderAdditions;
@@ -203,6 +203,13 @@ impl Composition<'_> {
     /// The files that the scene needs, each once.
     pub(super) fn files(&self, additions: &ShaderAdditions) -> Result<Vec<ShaderFile>> {
         let case = Case { f: &self.features, o: &self.options, all: self };
+        let is_slot = |stem| SLOTS.iter().any(|slot| slot.stem == stem);
+        if let Some((stem, file)) = additions.replaced().find(|(stem, _)| !is_slot(*stem)) {
+            return Err(Error::Internal(format!(
+                "{} is for the slot {stem}, which does not exist",
+                file.path
+            )));
+        }
         let mut files = ALWAYS.to_vec();
         files.extend(case.single(additions).into_iter().filter(|(needed, _)| *needed).map(|(_, file)| file));
         files.extend(self.features.detectors.iter().map(|function| function.wgsl().file));
