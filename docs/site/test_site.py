@@ -33,6 +33,21 @@ CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 in_a_browser = pytest.mark.skipif(not (CHROMIUM and DRIVER), reason="chromium and chromedriver are missing")
 
 
+def lost_lines(markdown: str) -> list[str]:
+    """Lines that MyST takes for comments, because they begin with a percent sign outside of code."""
+    is_code, lost = False, []
+    for line in markdown.splitlines():
+        is_code ^= line.lstrip().startswith("```")
+        lost += [line] if line.startswith("%") and not is_code else []
+    return lost
+
+
+def test_no_line_of_a_page_is_taken_for_a_comment() -> None:
+    assert lost_lines("of 100\n% or more\n```\n% of a shell\n```\n") == ["% or more"]
+    listed = subprocess.run(["git", "ls-files", "*.md"], cwd=REPOSITORY, capture_output=True, text=True, check=True).stdout
+    assert {page: lost for page in listed.split() if (lost := lost_lines((REPOSITORY / page).read_text(encoding="utf-8")))} == {}
+
+
 @pytest.fixture(scope="session")
 def browser():
     options = webdriver.ChromeOptions()
