@@ -97,6 +97,7 @@ const OPTIONS: &[(&str, Handed)] = &[
     ("scale", Elsewhere),
     ("unit", Elsewhere),
     ("profile", Refused(&["--profile"], "--profile")),
+    ("proof", Refused(&["--proof"], "--proof")),
     ("json", Elsewhere),
     ("progress", Same(&["--progress=never"])),
     ("watch-stdin", Elsewhere),
