@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import re
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -54,6 +55,8 @@ _ONLY_IN_LEDGER = {
     "roulette_gain": "gained by roulette", "importance_gain": "gained by importance sampling",
     "bsdf_gain": "gained by sampling of scattering",
 }
+#: A figure in a text, but none within a name, such as L1.r1.
+_FIGURE = re.compile(r"(?<![\w.'\"])\d[\d,.]*(?:e[+-]?\d+)?(?![\w'\"])")
 #: Longest name in an event [characters].
 ROWS = ("x", "y", "z", "L", "M", "N", "flux", "wavelength")
 
@@ -270,15 +273,18 @@ def result_of(report: Json, arrays: dict[str | None, dict[str, np.ndarray]], det
 
 
 def warn_of(report: Json, missed_target: str | None, known: set[str] | None = None) -> None:
-    """Give the warnings of a trace as those of the user's line, but for those ``known``, to which they are added."""
+    """Give the warnings of a trace as those of the user's line, but for those ``known``, to which they are added. Warnings
+    that differ in their figures alone count as one, since each point of a sweep has figures of its own.
+    """
     told: list[tuple[str, type[Warning]]] = [] if missed_target is None else [(missed_target, ToleranceWarning)]
     told += [(warning, NsqGpuWarning) for warning in report["scene_warnings"]]
     told += [(warning, ResultWarning) for warning in report["diagnostics"]["grave"]]
     for message, category in told:
-        if known is None or message not in known:
+        without_figures = _FIGURE.sub("#", message)
+        if known is None or without_figures not in known:
             warn(message, category)
         if known is not None:
-            known.add(message)
+            known.add(without_figures)
 
 
 def check_paths(scene: NSQScene, surface_labels: list[str]) -> None:

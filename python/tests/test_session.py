@@ -25,6 +25,7 @@ import nsq_gpu
 import nsq_gpu.export
 import nsq_gpu.session
 from nsq_gpu.export import export, to_json
+from nsq_gpu.results import warn_of
 from nsq_gpu.session import Session
 from tests import live
 from tests.live import SCENES, cs, glass
@@ -329,6 +330,16 @@ def test_warnings_are_those_of_the_users_line() -> None:
     finally:
         nsq_gpu.use(None)
     assert {warning.filename for warning in caught} == {__file__}
+
+
+def test_a_sweep_gives_a_warning_once_though_its_figures_differ() -> None:
+    said = [f"{name} is undersampled: errors add up to {error} % of {flux} W" for name, error, flux in
+            (("'d1'", "12.5", "1,000"), ("'d1'", "3e-05", "1.5"), ("'d2'", "12.5", "1,000"), ("d3.r1", "1", "1"), ("d4.r1", "1", "1"))]
+    known: set[str] = set()
+    with pytest.warns(nsq_gpu.ResultWarning) as caught:
+        for text in said:
+            warn_of({"scene_warnings": [], "diagnostics": {"grave": [text]}}, None, known)
+    assert [str(warning.message) for warning in caught] == [said[0], *said[2:]]
 
 
 def test_what_no_json_holds_is_refused_and_the_session_goes_on() -> None:
