@@ -3,7 +3,7 @@
 
 mod command;
 
-use command::{run, stderr};
+use command::{has_adapter, run, stderr};
 use nsq_gpu::TraceResult;
 use nsq_gpu::result::DetectorData;
 use nsq_gpu::result::comparison::compare;
@@ -11,15 +11,6 @@ use serde_json::Value;
 use std::path::{Path, PathBuf};
 
 const TOLERANCE: i32 = 6;
-
-fn has_adapter(test: &str) -> bool {
-    let found = !nsq_gpu::gpu::list_adapters().is_empty();
-    if !found {
-        use std::io::Write;
-        let _ = writeln!(std::io::stderr(), "SKIPPED: {test}: no adapter");
-    }
-    found
-}
 
 /// A folder of results.
 fn trace(folder: &Path, name: &str, scene: &str, more: &[&str]) -> PathBuf {

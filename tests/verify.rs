@@ -3,7 +3,7 @@
 
 mod command;
 
-use command::{command, run, stderr};
+use command::{command, has_adapter, run, stderr};
 use nsq_gpu::run::checkpoint::Checkpoint;
 use nsq_gpu::run::proof::Proof;
 use nsq_gpu::run::verify::{Verdict, Verification, Verify};
@@ -15,15 +15,6 @@ use std::path::{Path, PathBuf};
 const NO_RESULT: i32 = 3;
 const DAMAGED: i32 = 6;
 const USAGE: i32 = 2;
-
-fn has_adapter(test: &str) -> bool {
-    let found = !nsq_gpu::gpu::list_adapters().is_empty();
-    if !found {
-        use std::io::Write;
-        let _ = writeln!(std::io::stderr(), "SKIPPED: {test}: no adapter");
-    }
-    found
-}
 
 /// A folder of results of a scene of the repository.
 fn trace(folder: &Path, name: &str, scene: &str, more: &[&str]) -> PathBuf {
@@ -362,19 +353,11 @@ fn parts_and_resumed_traces_keep_their_proofs() {
     assert!(of_parts.collect::<std::collections::BTreeSet<_>>().len() == 2);
     // A part without a proof: the others' ranges are looked at, and no more is claimed.
     let plain = path("plain");
-    let output = run(&[
-        "trace",
-        SMALL,
-        "-n",
-        "20000",
-        "--first-ray",
-        "20000",
-        "--of-rays",
-        "40000",
-        "--no-pictures",
-        "-o",
-        &plain,
-    ]);
+    let second_half = |more: &[&str]| {
+        let half = ["trace", SMALL, "-n", "20000", "--first-ray", "20000", "--of-rays", "40000"];
+        run(&[&half, more].concat())
+    };
+    let output = second_half(&["--no-pictures", "-o", &plain]);
     assert!(output.status.success());
     let half = path("half");
     merged([&a, Path::new(&plain)], &half);
@@ -393,19 +376,8 @@ fn parts_and_resumed_traces_keep_their_proofs() {
     let covered = reached.proof.unwrap().parts[0].end();
     assert!(covered.abs_diff(reached.tally.launched.count) <= 3);
     let resumed = path("resumed");
-    let output = run(&[
-        "trace",
-        SMALL,
-        "-n",
-        "30000000",
-        "--resume",
-        &sums,
-        "--time-limit",
-        "500ms",
-        "--no-pictures",
-        "-o",
-        &resumed,
-    ]);
+    let given = ["trace", SMALL, "-n", "30000000", "--resume", &sums, "--time-limit", "500ms"];
+    let output = run(&[&given[..], &["--no-pictures", "-o", &resumed]].concat());
     assert!(output.status.success(), "{}", stderr(&output));
     let resumed = PathBuf::from(resumed);
     let ends: Vec<u64> = proof_of(&resumed).parts[0].ranges.iter().map(|range| range.end).collect();
@@ -413,21 +385,7 @@ fn parts_and_resumed_traces_keep_their_proofs() {
     let (code, report) = verified(&resumed, &["--sample", "64"]);
     assert_eq!((code, report["verdict"].as_str()), (0, Some("proven")), "{report:#}");
     // Sums without a proof have none of their rays.
-    let output = run(&[
-        "trace",
-        SMALL,
-        "-n",
-        "20000",
-        "--first-ray",
-        "20000",
-        "--of-rays",
-        "40000",
-        "--resume",
-        &plain,
-        "--proof",
-        "-o",
-        &path("none"),
-    ]);
+    let output = second_half(&["--resume", &plain, "--proof", "-o", &path("none")]);
     assert_eq!(output.status.code(), Some(USAGE));
     assert!(stderr(&output).contains("have no proof"), "{}", stderr(&output));
 }

@@ -48,6 +48,12 @@ def test_no_line_of_a_page_is_taken_for_a_comment() -> None:
     assert {page: lost for page in listed.split() if (lost := lost_lines((REPOSITORY / page).read_text(encoding="utf-8")))} == {}
 
 
+def test_the_lamp_on_the_page_is_that_of_the_example() -> None:
+    shown = (REPOSITORY / "docs/how-to/illumination.md").read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
+    example = (REPOSITORY / "examples/desk_lamp.py").read_text(encoding="utf-8").splitlines()
+    assert [line for line in shown.splitlines() if line not in example] == []
+
+
 @pytest.fixture(scope="session")
 def browser():
     options = webdriver.ChromeOptions()

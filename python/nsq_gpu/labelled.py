@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -12,7 +13,6 @@ from nsq_gpu.units import identifiers
 
 if TYPE_CHECKING:
     from nsq_gpu.results import Result
-
 
 
 class MapOf(NamedTuple):
@@ -40,11 +40,7 @@ def xarray(what: str) -> Any:
     Raises:
         MissingLibraryError: It is not installed.
     """
-    try:
-        import xarray
-    except ImportError:
-        raise missing("xarray", "xarray", f"{what} needs") from None
-    return xarray
+    return _library("xarray", what)
 
 
 def pandas(what: str) -> Any:
@@ -53,11 +49,14 @@ def pandas(what: str) -> Any:
     Raises:
         MissingLibraryError: It is not installed.
     """
+    return _library("pandas", what)
+
+
+def _library(name: str, what: str) -> Any:
     try:
-        import pandas
+        return import_module(name)
     except ImportError:
-        raise missing("pandas", "pandas", f"{what} needs") from None
-    return pandas
+        raise missing(name, name, f"{what} needs") from None
 
 
 def table(columns: Mapping[str, Any], units: Mapping[str, str]) -> Any:

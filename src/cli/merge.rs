@@ -123,9 +123,8 @@ fn merge(ir: &SceneIr, parts: &[Checkpoint]) -> Result<Checkpoint> {
         driver: all(|identity| &identity.driver),
         ..parts[0].identity.clone()
     };
-    let proofs: Vec<_> = parts.iter().filter_map(|part| part.proof.as_ref()).collect();
-    let all_parts = || proofs.iter().flat_map(|proof| proof.parts.iter().cloned()).collect();
-    let proof = (!proofs.is_empty()).then(|| Proof { parts: all_parts() });
+    let proofs = parts.iter().filter_map(|part| part.proof.clone());
+    let proof = proofs.reduce(|all, proof| Proof { parts: [all.parts, proof.parts].concat() });
     Ok(Checkpoint { identity, tally, proof })
 }
 

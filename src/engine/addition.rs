@@ -218,11 +218,15 @@ mod tests {
 
     // An addition of ten lines: rays see no further than three events.
     #[derive(Debug)]
-    struct ShortSight;
+    struct ShortSight {
+        slot: &'static str,
+    }
+
+    const SHORT_SIGHT: ShortSight = ShortSight { slot: "stages/hit" };
 
     impl ProgramAddition for ShortSight {
         fn shader(&self, _scene: &ProgramInput) -> Arc<dyn ShaderAddition> {
-            Arc::new(ShortSight)
+            Arc::new(ShortSight { slot: self.slot })
         }
     }
 
@@ -230,7 +234,7 @@ mod tests {
         fn replaces(&self) -> Vec<(&'static str, ShaderFile)> {
             let text = "fn intersect(ray: Ray) -> Hit {\n    if ray.bounce >= 3u { return Hit(MISS, NONE); }\n    \
                         return plain_intersect(ray);\n}\n";
-            vec![("stages/hit", ShaderFile { path: "of a test", text })]
+            vec![(self.slot, ShaderFile { path: "of a test", text })]
         }
     }
 
@@ -248,31 +252,13 @@ mod tests {
             let mut engine = prepare(&gpu, &ir, &options, &mut additions, Shaders::default()).unwrap();
             wavefront::trace(&mut engine, &mut additions, empty_tally(&ir), |_| Ok(true)).unwrap()
         };
-        let [plain, short] = [traced(3, Additions::default()), traced(64, Additions::one(ShortSight))];
+        let [plain, short] = [traced(3, Additions::default()), traced(64, Additions::one(SHORT_SIGHT))];
         // Whoever has had three events ends there, by the depth limit or by seeing nothing.
         assert!(plain.depth_killed.count > 1000 && plain.escaped.count == 0);
         assert_eq!((short.escaped, short.depth_killed.count), (plain.depth_killed, 0));
         assert_eq!(short.detectors, plain.detectors);
         assert_eq!(traced(64, Additions::default()).escaped.count, 0);
     }
-
-    // A slip in the name of a slot.
-    #[derive(Debug)]
-    struct Misspelt;
-
-    impl ProgramAddition for Misspelt {
-        fn shader(&self, _scene: &ProgramInput) -> Arc<dyn ShaderAddition> {
-            Arc::new(Misspelt)
-        }
-    }
-
-    impl ShaderAddition for Misspelt {
-        fn replaces(&self) -> Vec<(&'static str, ShaderFile)> {
-            vec![("stages/hits", ShaderFile { path: "of a test", text: "" })]
-        }
-    }
-
-    impl Addition for Misspelt {}
 
     #[test]
     fn a_slot_that_does_not_exist_is_an_error() {
@@ -281,7 +267,7 @@ mod tests {
         }
         let gpu = Gpu::open(&AdapterChoice::default()).unwrap();
         let ir = crate::Scene::from_json(TRAP).unwrap().lower().unwrap();
-        let mut additions = Additions::one(Misspelt);
+        let mut additions = Additions::one(ShortSight { slot: "stages/hits" });
         let prepared = prepare(&gpu, &ir, &TraceOptions::default(), &mut additions, Shaders::default());
         let error = prepared.err().unwrap().to_string();
         assert!(error.contains("of a test is for the slot stages/hits, which does not exist"), "{error}");

@@ -5,7 +5,7 @@ use crate::engine::options::TraceOptions;
 use crate::error::Result;
 use crate::format::shown;
 use crate::model::SceneIr;
-use crate::result::{FluxSum, Tally};
+use crate::result::{FluxSum, RaySet, Tally};
 use crate::run::Tracer;
 
 /// Rays of a block, at most: a stop then loses little, and sums of derivatives are read before they can overflow.
@@ -23,6 +23,25 @@ pub(crate) struct Traced {
     pub(crate) is_whole: bool,
     /// True if the trace was stopped, be it after the last of them.
     pub(crate) is_stopped: bool,
+}
+
+/// Traces on to the position `end` where so many rays were launched before, and these. The sums are of the new rays alone, but
+/// for the rays that were launched. `keep_going` is that of [`Blocks::trace_to`].
+pub(crate) fn trace_on(
+    tracer: &mut Tracer,
+    (launched, rays): (FluxSum, RaySet),
+    end: u64,
+    mut keep_going: impl FnMut(u64) -> bool,
+) -> Result<Traced> {
+    let begun = Tally { launched, rays, ..tracer.empty_tally() };
+    tracer.pause_at(end);
+    let (mut is_whole, mut is_stopped) = (false, false);
+    let tally = tracer.go_on_checked(begun, |progress| {
+        is_whole = progress.position() >= end;
+        is_stopped = !keep_going(progress.done);
+        Ok(!is_stopped && !is_whole)
+    })?;
+    Ok(Traced { tally, is_whole, is_stopped })
 }
 
 /// The sums of the blocks so far.
@@ -50,18 +69,10 @@ impl Blocks {
         &self,
         tracer: &mut Tracer,
         end: u64,
-        mut keep_going: impl FnMut(u64) -> bool,
+        keep_going: impl FnMut(u64) -> bool,
     ) -> Result<Traced> {
         let Tally { launched, rays, .. } = &self.sums;
-        let begun = Tally { launched: *launched, rays: rays.clone(), ..tracer.empty_tally() };
-        tracer.pause_at(end);
-        let (mut is_whole, mut is_stopped) = (false, false);
-        let tally = tracer.go_on_checked(begun, |progress| {
-            is_whole = progress.position() >= end;
-            is_stopped = !keep_going(progress.done);
-            Ok(!is_stopped && !is_whole)
-        })?;
-        Ok(Traced { tally, is_whole, is_stopped })
+        trace_on(tracer, (*launched, rays.clone()), end, keep_going)
     }
 
     /// Adds what [`Blocks::trace_to`] gave, and gives the sums of these rays alone: launched rays are theirs.

@@ -152,14 +152,15 @@ impl<'a> Run<'a> {
     /// The options on a device, but for the precision.
     fn options_on(&self, gpu: &Gpu) -> TraceOptions {
         let options = self.options.clone();
-        let (strict, live) = match self.cache {
-            None if self.has_proof => (strict_where_possible(options.strict, gpu), options.live),
-            None => (options.strict, options.live),
-            Some(_) => {
-                // Only with strict arithmetic a shader with live numbers gives the bits of one without.
-                let strict = strict_where_possible(options.strict, gpu);
-                (strict, self.live.unwrap_or(options.num_rays <= MOST_LIVE_RAYS))
-            }
+        // Only with strict arithmetic a shader with live numbers gives the bits of one without, and other machines those of a
+        // proof.
+        let strict = match self.cache.is_some() || self.has_proof {
+            true => strict_where_possible(options.strict, gpu),
+            false => options.strict,
+        };
+        let live = match self.cache {
+            Some(_) => self.live.unwrap_or(options.num_rays <= MOST_LIVE_RAYS),
+            None => options.live,
         };
         TraceOptions {
             max_depth: self.max_depth.unwrap_or_else(|| crate::model::depth::of_scene(&self.model)),

@@ -12,6 +12,7 @@
 
 mod files;
 mod finding;
+mod like;
 mod ranges;
 mod rays;
 mod sums;
@@ -281,7 +282,7 @@ impl Verify {
     ) -> Step<bool> {
         let Some(proof) = &sums.proof else { return Ok(false) };
         let mut findings = Vec::new();
-        let num_rays = ranges::check(sums, proof, ir, &mut findings)?;
+        let num_rays = ranges::check(stored, (sums, proof), ir, &mut findings)?;
         halt_if(Verdict::Damaged, std::mem::take(&mut findings))?;
         let told = (stored, &found.files.report);
         let sample = (found.files.sha256.as_str(), self.sample);

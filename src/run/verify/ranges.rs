@@ -3,20 +3,19 @@
 use crate::error::Result;
 use crate::format::thousands;
 use crate::gpu::{AdapterChoice, Gpu};
-use crate::model::{PathFilter, Precision, SceneIr, ray_id, surface_optics};
-use crate::program::Sampler;
+use crate::model::{Precision, SceneIr, ray_id, surface_optics};
 use crate::result::output::TALLY;
-use crate::result::{DetectorData, RaySet, RunInfo, Tally, TraceResult};
+use crate::result::{DetectorData, FluxSum, RaySet, RunInfo, Tally, TraceResult};
+use crate::run::blocks::trace_on;
 use crate::run::checkpoint::{Checkpoint, Identity};
 use crate::run::precision::WantedPrecision;
 use crate::run::proof::{Proof, RangeProof, Sums, rays_between};
 use crate::run::verify::finding::Finding;
+use crate::run::verify::like::{options_like, word_of};
 use crate::run::{Run, StandardError, Strict, TraceOptions, Tracer};
 use crate::scene::Scene;
 use serde::Serialize;
 use serde_json::Value;
-use sha2::{Digest, Sha256};
-use std::sync::Arc;
 
 /// What the ranges of a proof say.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -69,8 +68,8 @@ fn place(part: usize, range: usize) -> String {
 
 /// Compares the sums with their proof: the ranges are the rays that were traced, and their checksums add up.
 pub(super) fn check(
-    sums: &Checkpoint,
-    proof: &Proof,
+    stored: &TraceResult,
+    (sums, proof): (&Checkpoint, &Proof),
     ir: &SceneIr,
     findings: &mut Vec<Finding>,
 ) -> Result<u64> {
@@ -79,7 +78,7 @@ pub(super) fn check(
     let expected = Sums::of(&sums.tally).checksums();
     let mut added = vec![0_u128; expected.len()];
     let mut wrong = |place: String, problem: &str| findings.push(Finding::at(TALLY, &place, problem));
-    let options = options_of(&sums.identity, ir)?;
+    let options = options_of(stored, &sums.identity, ir)?;
     for (number, part) in proof.parts.iter().enumerate() {
         if !part.is_sound() {
             wrong(format!("part {number} of the proof"), "has ranges that are not those of a trace");
@@ -120,7 +119,7 @@ pub(super) fn trace(
     findings: &mut Vec<Finding>,
 ) -> Result<Proven> {
     let gpu = Gpu::open(adapter)?;
-    let options = options_of(&sums.identity, ir)?;
+    let options = options_of(stored, &sums.identity, ir)?;
     let all = proof.parts.iter().enumerate();
     let mut places: Vec<(usize, usize)> =
         all.flat_map(|(part, ranges)| (0..ranges.ranges.len()).map(move |range| (part, range))).collect();
@@ -164,10 +163,8 @@ fn trace_range(
 ) -> Result<Tally> {
     let before = rays_between(ir, options, [0, first])?;
     let count = before.spans().iter().map(|span| span.count).sum();
-    let mut begun = tracer.empty_tally();
-    (begun.launched.count, begun.rays) = (count, before);
-    tracer.pause_at(end);
-    let mut tally = tracer.go_on_checked(begun, |progress| Ok(progress.position() < end))?;
+    let launched = FluxSum { count, quanta: 0 };
+    let mut tally = trace_on(tracer, (launched, before), end, |_| true)?.tally;
     tally.launched.count -= count;
     tally.rays = rays_between(ir, options, [first, end])?;
     Ok(tally)
@@ -177,8 +174,7 @@ fn trace_range(
 fn choose(places: &mut Vec<(usize, usize)>, sample: usize, sha256: &str) {
     let sample = sample.min(places.len());
     for number in 0..sample {
-        let digest = Sha256::digest(format!("range {number} of {sha256}"));
-        let word = digest.iter().take(8).fold(0_u64, |word, byte| word << 8 | u64::from(*byte));
+        let word = word_of(&format!("range {number} of {sha256}"), 8);
         let other = number + (word % (places.len() - number) as u64) as usize;
         places.swap(number, other);
     }
@@ -186,29 +182,20 @@ fn choose(places: &mut Vec<(usize, usize)>, sample: usize, sha256: &str) {
     places.sort_unstable();
 }
 
-/// The options of the trace whose sums these are, but for its rays.
-fn options_of(identity: &Identity, ir: &SceneIr) -> Result<TraceOptions> {
-    let filter = match identity.path_filter.as_str() {
-        "none" => None,
-        text => Some(Arc::new(PathFilter::parse(text, ir)?)),
-    };
+/// The options of the trace whose sums these are, but for its rays. The report agrees with the sums about all of them.
+fn options_of(stored: &TraceResult, identity: &Identity, ir: &SceneIr) -> Result<TraceOptions> {
     let precision = [Precision::F32, Precision::Df64, Precision::F64];
     Ok(TraceOptions {
-        seed: identity.seed,
-        max_depth: identity.max_depth,
-        min_flux_fraction: identity.min_flux_fraction,
         precision: precision
             .into_iter()
             .find(|tier| tier.name() == identity.precision)
             .unwrap_or(Precision::F64),
-        sampler: if identity.sampler == Sampler::Sobol.name() { Sampler::Sobol } else { Sampler::Pcg },
-        path_filter: filter,
         standard_error: match identity.standard_error.as_str() {
             "on" => StandardError::On,
             "off" => StandardError::Off,
             _ => StandardError::Auto,
         },
-        ..TraceOptions::default()
+        ..options_like(&stored.run, ir)?
     })
 }
 

@@ -10,21 +10,20 @@
 use crate::error::Result;
 use crate::format::significant;
 use crate::gpu::{AdapterChoice, Gpu};
-use crate::model::{PathFilter, Precision, SceneIr};
-use crate::program::Sampler;
+use crate::model::{Precision, SceneIr};
 use crate::result::comparison::{self, Flux, ResultComparison, compare, limit_of_largest};
+use crate::result::difference::Spread;
 use crate::result::output::REPORT;
 use crate::result::{FluxUnit, Ledger, LedgerEntry, RunInfo, TraceResult};
 use crate::run::blocks::Blocks;
 use crate::run::precision::WantedPrecision;
 use crate::run::proof::NUM_RANGES;
 use crate::run::verify::finding::Finding;
+use crate::run::verify::like::{options_like, word_of};
 use crate::run::{Run, StandardError, TraceOptions, Tracer};
 use crate::scene::Scene;
 use serde::Serialize;
 use serde_json::Value;
-use sha2::{Digest, Sha256};
-use std::sync::Arc;
 
 /// Standard errors that chance is held to explain, for a single number.
 const LIMIT: f64 = 5.0;
@@ -95,19 +94,22 @@ pub(super) fn trace(
     let settled = run.settle(&gpu)?;
     let mut tracer = Tracer::new(&gpu, ir, &settled.options)?;
     let mut blocks = Blocks::new(&tracer, NUM_RANGES);
-    let mut ledgers = Vec::new();
+    let mut spread = Spread::default();
     let unit = FluxUnit::of_scene(ir, tracer.num_rays());
     for _ in 0..NUM_RANGES {
         let end = blocks.next_end(&tracer);
         let traced = blocks.trace_to(&mut tracer, end, |_| true)?;
-        ledgers.push(Ledger::new(ir, &blocks.add(traced.tally), unit));
+        let block = blocks.add(traced.tally);
+        let lines = all_lines(&Ledger::new(ir, &block, unit));
+        let fluxes: Vec<f64> = lines.iter().map(|(_, entry)| entry.flux).collect();
+        spread.add(block.launched.count, &fluxes);
         blocks.end_block();
     }
     let info = RunInfo { num_rays: tracer.num_rays(), ..settled.info };
     let other = TraceResult::new(ir, &info, &blocks.sums)?;
     let num_lines = all_lines(&other.ledger).len() + 2 * other.detectors.len();
     let limit = limit_of_largest(LIMIT, num_lines as u64);
-    let (ledger, limit_of_ledger) = lines(stored, &other, &ledgers, limit);
+    let (ledger, limit_of_ledger) = lines(stored, &other, &spread, limit);
     Ok(OtherRays {
         num_rays: other.num_rays_total,
         seed: settled.options.seed,
@@ -130,15 +132,11 @@ fn run_of<'a>(
 ) -> Result<Run<'a>> {
     let told = &stored.run;
     let share = stored.num_rays_total / NUM_RANGES * u64::from(sample);
-    let filter = told.filter.as_ref().map(|text| PathFilter::parse(text, ir)).transpose()?;
     let options = TraceOptions {
         num_rays: share.max(LEAST_RAYS),
         seed: seed_of(sha256, told.seed),
-        min_flux_fraction: told.min_flux_fraction,
-        path_filter: filter.map(Arc::new),
-        sampler: if told.sampler == Sampler::Sobol.name() { Sampler::Sobol } else { Sampler::Pcg },
         standard_error: StandardError::On,
-        ..TraceOptions::default()
+        ..options_like(told, ir)?
     };
     // Whatever the tier, it is right within the standard errors.
     let precision = match told.precision.as_str() {
@@ -151,8 +149,7 @@ fn run_of<'a>(
 
 /// A seed that follows from the hash of the result, and is not that of its trace.
 fn seed_of(sha256: &str, traced: u64) -> u64 {
-    let digest = Sha256::digest(format!("other rays of {sha256}"));
-    let seed = digest.iter().take(4).fold(0, |seed, byte| seed << 8 | u64::from(*byte));
+    let seed = word_of(&format!("other rays of {sha256}"), 4);
     seed + u64::from(seed == traced)
 }
 
@@ -161,15 +158,15 @@ fn all_lines(ledger: &Ledger) -> Vec<(&'static str, LedgerEntry)> {
 }
 
 /// The lines of the ledger, but for what was launched, and the limit for them, from that of numbers with a known error.
-fn lines(stored: &TraceResult, other: &TraceResult, blocks: &[Ledger], limit: f64) -> (Vec<Quantity>, f64) {
-    let of_blocks: Vec<_> = blocks.iter().map(all_lines).collect();
+fn lines(stored: &TraceResult, other: &TraceResult, spread: &Spread, limit: f64) -> (Vec<Quantity>, f64) {
+    let errors = spread.errors().unwrap_or_default();
     let (ours, others) = (all_lines(&stored.ledger), all_lines(&other.ledger));
-    let limit = limit_of_blocks(limit, blocks.len());
+    let limit = limit_of_blocks(limit, spread.num_blocks());
     let ray = |result: &TraceResult| result.total_flux_in / result.num_rays_total.max(1) as f64;
     let line = |index: usize| {
         let (name, ours) = ours[index];
         let (_, others) = others[index];
-        let error = error_of_sum(of_blocks.iter().map(|lines| lines[index].1.flux));
+        let error = errors.get(index).copied().unwrap_or(f64::NAN);
         let few = other.num_rays_total as f64 / stored.num_rays_total.max(1) as f64;
         let flux = |entry: LedgerEntry, error: f64, ray: f64| Flux {
             flux: entry.flux,
@@ -192,18 +189,10 @@ fn lines(stored: &TraceResult, other: &TraceResult, blocks: &[Ledger], limit: f6
     ((0..ours.len()).map(line).collect(), limit)
 }
 
-/// Standard error of the sum of independent numbers of one distribution.
-fn error_of_sum(numbers: impl Iterator<Item = f64> + Clone) -> f64 {
-    let num = numbers.clone().count() as f64;
-    let mean = numbers.clone().sum::<f64>() / num;
-    let squares: f64 = numbers.map(|number| (number - mean).powi(2)).sum();
-    (squares * num / (num - 1.0)).sqrt()
-}
-
 /// What a score by an error from so many blocks exceeds as seldom as a normal variable exceeds `limit`: Student's t
 /// (Abramowitz and Stegun, 26.7.5).
-fn limit_of_blocks(limit: f64, num_blocks: usize) -> f64 {
-    let freedom = num_blocks.saturating_sub(1).max(1) as f64;
+fn limit_of_blocks(limit: f64, num_blocks: u32) -> f64 {
+    let freedom = f64::from(num_blocks.saturating_sub(1).max(1));
     let z = limit;
     let terms = [
         (z.powi(3) + z) / 4.0,
