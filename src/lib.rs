@@ -49,6 +49,7 @@ pub mod error;
 pub mod folders;
 pub mod format;
 pub mod gpu;
+pub mod guide;
 pub mod mesa;
 #[warn(
     clippy::wildcard_enum_match_arm,

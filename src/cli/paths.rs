@@ -5,10 +5,12 @@ use crate::cli::device_args::DeviceArgs;
 use crate::cli::pictures::PictureArgs;
 use crate::cli::progress::{self, Mode};
 use crate::cli::stops::stop_on_interrupt;
+use crate::cli::trace_args::write_guide;
 use crate::cli::trace_args::{SamplerArg, StandardErrorArg, TraceArgs};
 use crate::count;
 use crate::error::{Error, Result};
 use crate::format::pretty_json;
+use crate::guide::learn::Wanted;
 use crate::model::SceneIr;
 use crate::paths::rows::{PathMap, TableOptions, detector_of, flux_unit, table_with_maps};
 use crate::result::output::Extras;
@@ -132,6 +134,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         let names = names.iter().map(String::as_str);
         output::check(dir, &output::file_names(names, pictures.is_some(), false, true, false))?;
     }
+    let guide_file = args.trace.guide_file(&args.scene)?;
     let stop = stop_on_interrupt()?;
     let gpu = args.device.open()?;
     let run = Run::of(&scene, &ir).named(args.scene.display()).on(&gpu);
@@ -141,10 +144,16 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         // Rows have errors of their own.
         options.standard_error = if has_errors.is_some() { StandardError::On } else { StandardError::Off };
     });
+    if args.trace.guide {
+        let filter = run.filter();
+        let top = args.top.clamp(1, 1 << 20) as usize;
+        run = run.guide(Wanted { detector: listing.detector, filter, group: listing.group, top });
+    }
     run.start = start;
     let mut shown = progress::shown(args.progress, &stop);
     let outcome = run.go_with(move |pass| Ok(shown(&pass.status)))?;
     let Outcome { mut result, tally, options, found_paths, .. } = outcome;
+    write_guide(guide_file, &options)?;
     let found = found_paths.iter().map(|(path, at)| (path, *at)).collect();
     let traced =
         table_with_maps(&gpu, &ir, &options, &tally, &found, &listing, || !stop.load(Ordering::Relaxed))?;

@@ -6,7 +6,7 @@ use crate::cli::pictures::PictureArgs;
 use crate::cli::progress::{self, Mode};
 use crate::cli::quantity;
 use crate::cli::stops::{end_with_caller, stop_on_interrupt};
-use crate::cli::trace_args::{PathsArg, StandardErrorArg, TraceArgs};
+use crate::cli::trace_args::{PathsArg, StandardErrorArg, TraceArgs, write_guide};
 use crate::count;
 use crate::error::{Error, Result};
 use crate::format::shown;
@@ -144,6 +144,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     if args.proof && args.output.is_none() && args.checkpoint.is_none() {
         return Err(Error::Usage("--proof is kept with the sums; give -o DIR, or --checkpoint FILE".into()));
     }
+    let guide_file = args.trace.guide_file(&args.scene)?;
     let stop = stop_on_interrupt()?;
     if let Some(path) = &args.resume {
         run = run.resume(path)?;
@@ -166,6 +167,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     }
     let mut shown = progress::shown(args.progress, &stop);
     let outcome = run.go_with(move |pass| Ok(shown(&pass.status)))?;
+    write_guide(guide_file, &outcome.options)?;
     let path = args.checkpoint.as_deref().unwrap_or(Path::new(""));
     if let Saved::Kept(rays_there) = outcome.saved {
         say(&format!(

@@ -1,13 +1,17 @@
 //! The options of a trace that `nsq-gpu trace` and the requests of `nsq-gpu serve` share.
 
+use crate::cli::output_file::OutputFile;
 use crate::cli::quantity;
 use crate::count;
 use crate::engine::options::MOST_PATH_ROWS;
 use crate::error::{Error, Result};
+use crate::guide::Guide;
+use crate::guide::learn::Wanted;
 use crate::model::{PathFilter, ReflectProb, Sampling, SceneIr};
 use crate::program::{Precision, Sampler};
 use crate::run::precision::WantedPrecision;
 use crate::run::{Collect, Run, StandardError, Strict, TraceOptions};
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -78,6 +82,16 @@ pub(crate) struct TraceArgs {
     /// "reflections == 2 and not scattered(mount)".
     #[arg(long = "where", value_name = "EXPR")]
     pub(crate) filter: Option<String>,
+    /// Guide rays to rare light, such as the ghosts of coated lenses: that of --where, of --detector, or else of all
+    /// detectors. A pilot learns how. Weights make up for it, so all sums stay right on average.
+    #[arg(long, conflicts_with = "guide_from")]
+    pub(crate) guide: bool,
+    /// Guide rays by this file, which --guide-to wrote: for the parts of a trace, or for two scenes that are compared.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) guide_from: Option<PathBuf>,
+    /// Write what guided the rays to this file. It replaces only a guide.
+    #[arg(long, value_name = "FILE", requires = "guide")]
+    pub(crate) guide_to: Option<PathBuf>,
     /// Override the scene's rr_start_flux.
     #[arg(long, value_name = "X")]
     pub(crate) rr_start_flux: Option<f64>,
@@ -177,7 +191,13 @@ impl TraceArgs {
     /// The run, with what these arguments ask for.
     pub(crate) fn set<'a>(&self, run: Run<'a>) -> Result<Run<'a>> {
         let options = self.options(run.model())?;
+        let guided_to = Wanted { filter: options.path_filter.clone(), ..Wanted::default() };
         let mut run = run.options(options).precision(wanted(self.precision));
+        if let Some(path) = &self.guide_from {
+            run = run.guide_by(Arc::new(Guide::read(path)?));
+        } else if self.guide {
+            run = run.guide(guided_to);
+        }
         if let Some(max_depth) = self.max_depth {
             run = run.max_depth(max_depth);
         }
@@ -242,6 +262,12 @@ impl TraceArgs {
         given.into_iter().find_map(|(name, is_given)| is_given.then_some(name))
     }
 
+    /// The file to which what guided the rays is to go, if there is one.
+    pub(crate) fn guide_file(&self, scene: &Path) -> Result<Option<OutputFile>> {
+        let place = |path: &PathBuf| OutputFile::new(path, false, scene, |path| Guide::read(path).is_ok());
+        self.guide_to.as_ref().map(place).transpose()
+    }
+
     /// Overrides the sampling of a scene.
     pub(crate) fn override_sampling(&self, ir: &mut SceneIr) -> Result<()> {
         if let Some(reflect_prob) = self.reflect_prob {
@@ -265,5 +291,13 @@ impl TraceArgs {
             ir.sampling.split_depth = split_depth;
         }
         Ok(())
+    }
+}
+
+/// Writes what guided the rays of a trace.
+pub(crate) fn write_guide(file: Option<OutputFile>, options: &TraceOptions) -> Result<()> {
+    match (file, &options.guide) {
+        (Some(file), Some(guide)) => file.write(guide.to_json()?.as_bytes()).map(drop),
+        _ => Ok(()),
     }
 }

@@ -113,7 +113,7 @@ impl<'a> Walker<'a> {
         let rows = gpu.buffer("sums of adjoints", room)?;
         let added =
             vec![(bindings::ADJOINTS, gpu.scene_buffer(&cells)?), (bindings::ADJOINT_SUMS, rows.clone())];
-        let device = again.open(gpu, &ExtraBindings::of(added))?;
+        let device = again.open(gpu, ExtraBindings::of(added))?;
         let in_dispatch = FIRST_RAYS.next_multiple_of(rays_per_invocation).min(most);
         let spans: Vec<RaySpan> = (0..)
             .zip(&plan.rays)

@@ -1,5 +1,6 @@
 //! Decides where the second moments of a trace come from. Standard errors follow from second moments.
 
+use crate::engine::addition::Additions;
 use crate::engine::options::{StandardError, TraceOptions};
 use crate::model::surface_optics::splits;
 use crate::model::{Detector, SceneIr, Splat};
@@ -20,8 +21,16 @@ pub(crate) enum MomentSource {
 }
 
 impl MomentSource {
-    pub(crate) fn of(ir: &SceneIr, options: &TraceOptions, weights: &[f64], roulette_threshold: f64) -> Self {
-        let keeps_weight = || Features::of(ir, weights, roulette_threshold, options.max_depth).keeps_weight;
+    pub(crate) fn of(
+        ir: &SceneIr,
+        options: &TraceOptions,
+        weights: &[f64],
+        roulette_threshold: f64,
+        additions: &Additions,
+    ) -> Self {
+        let draws_branches = additions.of_program().iter().any(|addition| addition.draws_branches());
+        let features = || Features::of(ir, weights, roulette_threshold, options.max_depth);
+        let keeps_weight = || features().with_branches_drawn(draws_branches).keeps_weight;
         let is_cheap = !splits(ir) && ir.detectors.iter().all(tables::takes_rays_whole);
         let is_needed = hits_do_not_give_errors(ir);
         match options.standard_error {

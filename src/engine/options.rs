@@ -3,6 +3,7 @@
 use crate::engine::tuning::Tuning;
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterInfo, Gpu};
+use crate::guide::table::Guide;
 use crate::model::{PathFilter, depth};
 use crate::program::rewrite::jvp::Tangents;
 use crate::program::{PathSampling, Precision, Sampler};
@@ -46,6 +47,8 @@ pub struct TraceOptions {
     pub collect: Collect,
     /// Maps, spectra, ray databases and detected flux have only the light whose path matches.
     pub path_filter: Option<Arc<PathFilter>>,
+    /// Rays are guided to rare light.
+    pub guide: Option<Arc<Guide>>,
     /// Whether second moments are summed as well, so that results have standard errors.
     pub standard_error: StandardError,
     /// True: the scene is compiled in. False: it lies in tables. `None`: its size decides.
@@ -176,6 +179,7 @@ impl Default for TraceOptions {
             paths: RecordPaths::None,
             collect: Collect::Light,
             path_filter: None,
+            guide: None,
             standard_error: StandardError::Auto,
             baked: None,
             sampler: Sampler::Pcg,

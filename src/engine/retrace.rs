@@ -23,6 +23,8 @@ pub(crate) struct Retrace {
     pub(crate) plan: TracePlan,
     pub(crate) additions: Additions,
     stages: Arc<Stages>,
+    /// The bindings of its additions.
+    extra: ExtraBindings,
 }
 
 impl Retrace {
@@ -36,13 +38,15 @@ impl Retrace {
     ) -> Result<Self> {
         let plan = TracePlan::new(gpu, ir, options, &mut additions, shaders)?;
         let strict = options.is_strict(&gpu.info);
-        let stages = shaders.stages(gpu, &plan.program, strict, &ExtraBindings::default())?;
-        Ok(Retrace { plan, additions, stages })
+        let extra = additions.open(gpu, &plan)?;
+        let stages = shaders.stages(gpu, &plan.program, strict, &extra)?;
+        Ok(Retrace { plan, additions, stages, extra })
     }
 
-    /// The program on a device, with these bindings.
-    pub(crate) fn open(&self, gpu: &Gpu, extra: &ExtraBindings) -> Result<DeviceState> {
-        DeviceState::new(gpu, &self.plan.program, self.plan.batch, self.stages.clone(), extra)
+    /// The program on a device, with these bindings beside those of its additions.
+    pub(crate) fn open(&self, gpu: &Gpu, extra: ExtraBindings) -> Result<DeviceState> {
+        let extra = self.extra.clone().with(extra);
+        DeviceState::new(gpu, &self.plan.program, self.plan.batch, self.stages.clone(), &extra)
     }
 }
 

@@ -9,7 +9,7 @@ use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// The bindings and stages that additions have on a device beside the engine's own.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct ExtraBindings {
     /// Bindings of group 0 beside the program's. There is one group for each list; the plain list is empty.
     pub(crate) groups: Vec<Vec<(u32, wgpu::Buffer)>>,

@@ -4,6 +4,7 @@ use crate::engine::addition::{Addition, Additions};
 use crate::engine::options::{Collect, TraceOptions};
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
+use crate::guide::Guided;
 use crate::model::{PathFilter, SceneIr};
 use crate::paths::sums::PathSums;
 use crate::paths::wgsl::PathShader;
@@ -18,12 +19,14 @@ use std::sync::Arc;
 pub struct FollowedPaths {
     sums: PathSums,
     filter: Option<Arc<PathFilter>>,
+    /// A guide follows where rays have been.
+    is_guided: bool,
 }
 
 impl FollowedPaths {
     /// Paths that are followed for these sums, or for a filter.
     pub fn new(sums: PathSums, filter: Option<Arc<PathFilter>>) -> Self {
-        FollowedPaths { sums, filter }
+        FollowedPaths { sums, filter, is_guided: false }
     }
 
     /// What a trace with these options follows; `None` if it follows no paths.
@@ -34,13 +37,18 @@ impl FollowedPaths {
             Collect::PathMaps(num) => PathSums::Maps(num),
             Collect::Events { ends } => PathSums::Events { ends },
         };
-        let filter = options.path_filter.clone();
-        (sums != PathSums::None || filter.is_some()).then(|| FollowedPaths::new(sums, filter))
+        let (filter, is_guided) = (options.path_filter.clone(), options.guide.is_some());
+        let is_followed = sums != PathSums::None || filter.is_some() || is_guided;
+        is_followed.then(|| FollowedPaths { is_guided, ..FollowedPaths::new(sums, filter) })
     }
 
-    /// The same as the additions of a second trace; none if it follows no paths.
+    /// The same as the additions of a second trace, with the guide of the first; none if it follows no paths.
     pub(crate) fn additions(options: &TraceOptions) -> Additions {
-        FollowedPaths::of(options).map(Additions::one).unwrap_or_default()
+        let followed = FollowedPaths::of(options).map(Additions::one).unwrap_or_default();
+        match Guided::of(options) {
+            Some(guided) => followed.and(guided),
+            None => followed,
+        }
     }
 }
 
@@ -62,7 +70,7 @@ impl ProgramAddition for FollowedPaths {
     }
 
     fn shader(&self, scene: &ProgramInput) -> Arc<dyn ShaderAddition> {
-        Arc::new(PathShader::new(self.sums, self.filter.clone(), scene))
+        Arc::new(PathShader::new(self.sums, self.filter.clone(), self.is_guided, scene))
     }
 }
 

@@ -73,9 +73,9 @@ pub fn trace_maps(
     let options = TraceOptions { collect: Collect::PathMaps(num_maps.max(1)), ..options.clone() };
     let additions = FollowedPaths::additions(&options);
     let again = Retrace::new(gpu, ir, &options, additions, Shaders { cache: None, edit })?;
+    let table = Watch::of(gpu, &again.plan, watched)?;
+    let device = again.open(gpu, ExtraBindings::of(table.bindings()))?;
     let plan = &again.plan;
-    let table = Watch::of(gpu, plan, watched)?;
-    let device = again.open(gpu, &ExtraBindings::of(table.bindings()))?;
     let size = plan.dispatch_size();
     let (tally, undrained) = (empty_tally(ir), 0);
     let mut maps = Maps { device: &device, plan, size, tally, undrained, keep_going: &mut keep_going };

@@ -5,6 +5,7 @@
 //! the sequence of its surfaces ([`replay`]), and all rays for maps of the strongest paths ([`maps`], [`rows`]). A filter
 //! keeps light from maps, with or without a table. docs/methods/paths.md says why.
 
+mod ahead;
 mod drain;
 pub mod followed;
 pub mod layout;

@@ -58,7 +58,7 @@ impl PathReplay {
         let additions = FollowedPaths::additions(&options);
         let again = Retrace::new(gpu, ir, &options, additions, Shaders::default())?;
         let ids = gpu.buffer("listed rays", u64::from(again.plan.batch) * 16)?;
-        let device = again.open(gpu, &ExtraBindings::of([(bindings::LISTED_IDS, ids.clone())]))?;
+        let device = again.open(gpu, ExtraBindings::of([(bindings::LISTED_IDS, ids.clone())]))?;
         Ok(PathReplay { again, device, ids, is_strict })
     }
 

@@ -1,8 +1,10 @@
 //! Composes how the paths of rays are followed (shaders/paths): what words a path has, and how a filter decides.
 
 use crate::error::{Error, Result};
+use crate::guide;
 use crate::model::path_filter::{Count, Events, Mark, Part, Pattern, Term};
 use crate::model::{PathFilter, StepKind};
+use crate::paths::ahead;
 use crate::paths::layout::PathTableLayout;
 use crate::paths::sums::PathSums;
 use crate::program::Program;
@@ -19,26 +21,32 @@ use std::sync::Arc;
 const KEY_WORDS: usize = 3;
 
 /// The bit of a path's marks that says that the path has an event.
-const HAS_EVENT: u32 = 31;
+pub(super) const HAS_EVENT: u32 = 31;
 
 /// How a scene's shader follows paths.
 #[derive(Debug)]
 pub(super) struct PathShader {
     sums: PathSums,
     filter: Option<Arc<PathFilter>>,
+    is_guided: bool,
     /// What the rows of the table are.
     pub(super) layout: PathTableLayout,
 }
 
 impl PathShader {
-    pub(super) fn new(sums: PathSums, filter: Option<Arc<PathFilter>>, scene: &ProgramInput) -> Self {
+    pub(super) fn new(
+        sums: PathSums,
+        filter: Option<Arc<PathFilter>>,
+        is_guided: bool,
+        scene: &ProgramInput,
+    ) -> Self {
         let layout = match sums {
             PathSums::Maps(_) => PathTableLayout::of_maps(scene.ir, sums.has_ends()),
             PathSums::None | PathSums::Totals { .. } | PathSums::Events { .. } => {
                 PathTableLayout::of_totals(scene.ir, sums.has_ends(), scene.constant_weights)
             }
         };
-        PathShader { sums, filter, layout }
+        PathShader { sums, filter, is_guided, layout }
     }
 
     /// How the shader of a program follows paths.
@@ -59,7 +67,13 @@ impl ShaderAddition for PathShader {
             _ => &[],
         };
         let always = [
-            ("stages/path", shader!("paths/followed.wgsl")),
+            (
+                "stages/path",
+                match self.ends_early() {
+                    true => shader!("paths/followed.early.wgsl"),
+                    false => shader!("paths/followed.wgsl"),
+                },
+            ),
             ("stages/lobe", shader!("paths/lobes.wgsl")),
             ("stages/family", shader!("paths/families.wgsl")),
             ("stages/queue_entry", shader!("paths/queued.wgsl")),
@@ -91,6 +105,11 @@ impl ShaderAddition for PathShader {
 }
 
 impl PathShader {
+    /// True if rays end as soon as no light of their paths can be kept any more.
+    fn ends_early(&self) -> bool {
+        self.is_guided && self.filter.is_some()
+    }
+
     /// The files that paths need, beside those of slots.
     fn files(&self, composition: &Composition) -> Vec<ShaderFile> {
         let sums = match self.sums {
@@ -117,9 +136,15 @@ impl PathShader {
         let has_key = self.sums != PathSums::None;
         let filter = self.filter.as_deref();
         let state = filter.map(|filter| FilterState::of(filter, if has_key { KEY_WORDS } else { 0 }));
-        let num_words = state.as_ref().map_or(KEY_WORDS, |state| state.end());
+        let num_words = state.as_ref().map_or(if has_key { KEY_WORDS } else { 0 }, |state| state.end());
         let mut constants = Constants::default();
-        constants.uint("PATH_WORDS", num_words.max(1) as u32);
+        let of_guide = if self.is_guided { guide::wgsl::num_path_words(self.filter.is_some()) } else { 0 };
+        constants.uint("PATH_WORDS", (num_words + of_guide).max(1) as u32);
+        if self.is_guided {
+            constants.uint("GUIDE_NODE", num_words as u32);
+            constants.uint("GUIDE_RATIO", num_words as u32 + 1);
+            constants.uint("GUIDE_ALONE", num_words as u32 + 2);
+        }
         constants.uint("NUM_DETECTORS", composition.ir.detectors.len() as u32);
         constants.bool("PATHS_HAVE_ENDS", self.sums.has_ends());
         if self.sums.has_table() {
@@ -146,10 +171,19 @@ impl PathShader {
             Some(state) => {
                 state.functions(&mut text);
                 begin.push_str(&state.begin());
-                extend.push_str(&state.extend());
+                match self.ends_early() {
+                    true => {
+                        ahead::functions(state, composition.ir, &mut text);
+                        extend.push_str("    extend_filter(kind, number);\n");
+                    }
+                    false => extend.push_str(&state.extend()),
+                }
                 keeps = state.keeps();
             }
             None => text.push_str("fn filter_out(weight: real, ends: bool) {}\n"),
+        }
+        if self.is_guided {
+            extend.push_str("    extend_guide(kind, number);\n");
         }
         let _ = write!(
             text,
@@ -162,9 +196,9 @@ impl PathShader {
 }
 
 /// Where a filter keeps its state among the words of a path: marks, numbers of events, and places in patterns.
-struct FilterState<'a> {
-    filter: &'a PathFilter,
-    counts: Vec<Count>,
+pub(super) struct FilterState<'a> {
+    pub(super) filter: &'a PathFilter,
+    pub(super) counts: Vec<Count>,
     first: usize,
 }
 
@@ -173,15 +207,15 @@ impl<'a> FilterState<'a> {
         FilterState { filter, counts: filter.counts(), first }
     }
 
-    fn marks(&self) -> String {
+    pub(super) fn marks(&self) -> String {
         format!("path[{}]", self.first)
     }
 
-    fn count(&self, number: usize) -> String {
+    pub(super) fn count(&self, number: usize) -> String {
         format!("path[{}]", self.first + 1 + number)
     }
 
-    fn places(&self, number: usize) -> String {
+    pub(super) fn places(&self, number: usize) -> String {
         format!("path[{}]", self.first + 1 + self.counts.len() + number)
     }
 
@@ -220,7 +254,7 @@ impl<'a> FilterState<'a> {
         text
     }
 
-    fn extend(&self) -> String {
+    pub(super) fn extend(&self) -> String {
         let marks = self.marks();
         let mut text = String::new();
         for (bit, mark) in self.filter.marks.iter().enumerate() {
@@ -318,7 +352,7 @@ fn is_kind(kinds: &[StepKind]) -> String {
 }
 
 /// True if `number` is one of these, which ascend: neighbours are asked for at once.
-fn is_number(numbers: &[u32]) -> String {
+pub(super) fn is_number(numbers: &[u32]) -> String {
     let runs = numbers.chunk_by(|a, b| a + 1 == *b);
     any(runs.map(|run| match run {
         [one] => format!("(number == {one}u)"),
@@ -337,7 +371,7 @@ fn any(conditions: impl Iterator<Item = String>) -> String {
 }
 
 /// Conditions joined by a sign, in brackets by halves: a compiler's stack need not hold a long chain.
-fn joined(conditions: &[String], sign: &str) -> String {
+pub(super) fn joined(conditions: &[String], sign: &str) -> String {
     match conditions {
         [one] => one.clone(),
         conditions => {

@@ -49,6 +49,11 @@ pub trait ProgramAddition: Sync {
         false
     }
 
+    /// True if the addition draws branches with probabilities of its own. Weights then change.
+    fn draws_branches(&self) -> bool {
+        false
+    }
+
     /// The WGSL for a scene.
     fn shader(&self, scene: &ProgramInput) -> Arc<dyn ShaderAddition>;
 }

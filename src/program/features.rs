@@ -136,6 +136,14 @@ impl Features {
         }
     }
 
+    /// The same where an addition draws branches, if it does.
+    #[must_use]
+    pub fn with_branches_drawn(self, by_addition: bool) -> Self {
+        let importance = self.importance || by_addition && self.refractive;
+        let keeps_weight = self.keeps_weight && !importance;
+        Features { importance, keeps_weight, whole_weights: self.whole_weights && keeps_weight, ..self }
+    }
+
     /// What rays meet depends on the table of media: on its indices, where wavelengths differ, or its absorption.
     pub fn reads_media(&self) -> bool {
         self.refractive && self.polychromatic || self.bulk_absorption

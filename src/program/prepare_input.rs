@@ -22,7 +22,9 @@ impl<'a> ProgramInput<'a> {
         mut options: ProgramOptions,
         additions: &[&dyn ProgramAddition],
     ) -> Result<Self> {
-        let features = Features::of(ir, &options.weights, options.roulette_threshold, options.max_depth);
+        let draws_branches = additions.iter().any(|addition| addition.draws_branches());
+        let features = Features::of(ir, &options.weights, options.roulette_threshold, options.max_depth)
+            .with_branches_drawn(draws_branches);
         let splitting = features.splits.then(|| Splitting::of(&ir.sampling));
         if splitting.is_some() {
             // A family waits in registers, and so stays with its invocation to its end.

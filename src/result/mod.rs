@@ -59,7 +59,7 @@ pub use crate::result::ray_paths::{PathColumns, RayPaths};
 pub use crate::result::ray_rows::{Recorded, Recording, RowWriter, Rows};
 pub use crate::result::ray_set::{RaySet, RaySpan};
 pub use crate::result::report::Report;
-pub use crate::result::run_info::{RunInfo, StageTime};
+pub use crate::result::run_info::{GuideInfo, RunInfo, StageTime};
 pub use crate::result::stopped_by::StoppedBy;
 pub(crate) use crate::result::tally::check_shape;
 pub use crate::result::tally::{

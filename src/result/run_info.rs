@@ -1,5 +1,6 @@
 //! How a trace was run: what a report says beside the numbers.
 
+use crate::format::{plain, thousands};
 use crate::result::stopped_by::StoppedBy;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -53,6 +54,9 @@ pub struct RunInfo {
     /// Maps have only the light whose path matches this expression, if there is one.
     #[serde(default, rename = "where", skip_serializing_if = "Option::is_none")]
     pub filter: Option<String>,
+    /// How rays were guided, if they were.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub guide: Option<GuideInfo>,
     /// Number of the first ray.
     pub first_ray: u64,
     /// The rays are a part of a trace of so many, if they are.
@@ -67,6 +71,38 @@ pub struct RunInfo {
     pub program: String,
     /// Version of the program.
     pub version: String,
+}
+
+/// How the rays of a trace were guided.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct GuideInfo {
+    /// The first 64 bits of the SHA-256 of what was learned.
+    pub hash: String,
+    /// The nodes of its tree.
+    pub num_nodes: usize,
+    /// Rays of the pilot; null where the guide was given.
+    pub pilot_rays: Option<u64>,
+    /// Rows to which it guides; null where it was given.
+    pub num_rows: Option<usize>,
+    /// No ray weighs more than so many times a plain ray on its path.
+    pub most_weight: f64,
+}
+
+impl GuideInfo {
+    /// A line of the report.
+    pub fn line(&self) -> String {
+        let learned = match (self.num_rows, self.pilot_rays) {
+            (Some(rows), Some(rays)) => {
+                format!(" to {rows} rows, which a pilot of {} rays has found", thousands(rays))
+            }
+            _ => " by a guide that was given".into(),
+        };
+        format!(
+            "guided{learned}: no ray weighs more than {} times a plain one (guide {})\n",
+            self.most_weight,
+            plain(&self.hash)
+        )
+    }
 }
 
 /// What one stage of a trace took on the device.
@@ -102,6 +138,7 @@ impl Default for RunInfo {
             partial: false,
             stopped_by: None,
             target_error: None,
+            guide: None,
             filter: None,
             first_ray: 0,
             of_rays: None,

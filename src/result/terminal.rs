@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use crate::format::{plain, shown, significant, thousands};
 use crate::result::StoppedBy;
-use crate::result::{LedgerEntry, PathTable, TraceResult, few_rays, gradients};
+use crate::result::{GuideInfo, LedgerEntry, PathTable, TraceResult, few_rays, gradients};
 
 /// Rows of the table of paths that a report of a trace shows.
 const TOP_PATHS: usize = 10;
@@ -46,9 +46,10 @@ impl TraceResult {
             Some(text) => format!("only light whose path matches: {}\n", plain(text)),
             None => String::new(),
         };
+        let guide = run.guide.as_ref().map_or(String::new(), GuideInfo::line);
         let processor = if run.has_no_gpu { "no GPU was found: this is your processor\n" } else { "" };
         format!(
-            "{} {}: {} rays{partial}{scene}\nseed {}{sampler}, max_depth {}, {} on {}{driver}\n{filter}{processor}{precision}{}",
+            "{} {}: {} rays{partial}{scene}\nseed {}{sampler}, max_depth {}, {} on {}{driver}\n{filter}{guide}{processor}{precision}{}",
             run.program,
             run.version,
             thousands(self.num_rays_total),

@@ -8,6 +8,7 @@ use crate::derivatives::Derivatives;
 use crate::engine::addition::{Addition, Additions};
 use crate::engine::options::{Collect, TraceOptions};
 use crate::gpu::Gpu;
+use crate::guide::Guided;
 use crate::paths::followed::FollowedPaths;
 use crate::paths::totals::PathTotals;
 
@@ -20,6 +21,8 @@ pub enum Together {
     OneAtATime,
     /// The second stands aside, which changes no bit of a result.
     StandsAside,
+    /// Options that ask for both are refused by name.
+    Refused,
 }
 
 /// What may be added to a trace.
@@ -33,6 +36,8 @@ pub enum Kind {
     PathMaps,
     /// What happens to each ray, from a second trace.
     PathEvents,
+    /// Rays are guided to rare light.
+    Guide,
     /// Derivatives in forward mode.
     Tangents,
     /// Derivatives in reverse mode.
@@ -46,21 +51,28 @@ pub const COMPOSITIONS: &[(Kind, Kind, Together)] = &[
     (Kind::PathTable, Kind::PathFilter, Together::Yes),
     (Kind::PathTable, Kind::PathMaps, Together::OneAtATime),
     (Kind::PathTable, Kind::PathEvents, Together::OneAtATime),
+    (Kind::PathTable, Kind::Guide, Together::Yes),
     (Kind::PathTable, Kind::Tangents, Together::OneAtATime),
     (Kind::PathTable, Kind::Adjoints, Together::OneAtATime),
     (Kind::PathTable, Kind::Cpu, Together::Yes),
     (Kind::PathFilter, Kind::PathMaps, Together::Yes),
     (Kind::PathFilter, Kind::PathEvents, Together::Yes),
+    (Kind::PathFilter, Kind::Guide, Together::Yes),
     (Kind::PathFilter, Kind::Tangents, Together::Yes),
     (Kind::PathFilter, Kind::Adjoints, Together::Yes),
     (Kind::PathFilter, Kind::Cpu, Together::Yes),
     (Kind::PathMaps, Kind::PathEvents, Together::OneAtATime),
+    (Kind::PathMaps, Kind::Guide, Together::Yes),
     (Kind::PathMaps, Kind::Tangents, Together::OneAtATime),
     (Kind::PathMaps, Kind::Adjoints, Together::OneAtATime),
     (Kind::PathMaps, Kind::Cpu, Together::StandsAside),
+    (Kind::PathEvents, Kind::Guide, Together::Yes),
     (Kind::PathEvents, Kind::Tangents, Together::OneAtATime),
     (Kind::PathEvents, Kind::Adjoints, Together::OneAtATime),
     (Kind::PathEvents, Kind::Cpu, Together::StandsAside),
+    (Kind::Guide, Kind::Tangents, Together::Refused),
+    (Kind::Guide, Kind::Adjoints, Together::Refused),
+    (Kind::Guide, Kind::Cpu, Together::Yes),
     (Kind::Tangents, Kind::Adjoints, Together::OneAtATime),
     (Kind::Tangents, Kind::Cpu, Together::StandsAside),
     (Kind::Adjoints, Kind::Cpu, Together::StandsAside),
@@ -77,7 +89,8 @@ fn kinds(options: &TraceOptions) -> Vec<Kind> {
         Collect::Adjoints => Some(Kind::Adjoints),
     };
     let filter = options.path_filter.as_ref().map(|_| Kind::PathFilter);
-    collected.into_iter().chain(filter).collect()
+    let guide = options.guide.as_ref().map(|_| Kind::Guide);
+    collected.into_iter().chain(filter).chain(guide).collect()
 }
 
 /// How what pays on processors traces together with what is asked for.
@@ -93,7 +106,8 @@ fn of_options(options: &TraceOptions) -> Additions {
         _ => Box::new(followed),
     });
     let derivatives = Derivatives::of(options).map(|derivatives| Box::new(derivatives) as Box<dyn Addition>);
-    Additions::new(paths.into_iter().chain(derivatives).collect())
+    let guided = Guided::of(options).map(|guided| Box::new(guided) as Box<dyn Addition>);
+    Additions::new(paths.into_iter().chain(guided).chain(derivatives).collect())
 }
 
 /// What a trace has beside what its options ask for.
@@ -138,20 +152,28 @@ pub(crate) fn of(_gpu: &Gpu, options: &TraceOptions, _for_adapter: ForAdapter) -
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::model::PathFilter;
+    use crate::guide;
+    use crate::guide::table::{Guide, PLAIN};
+    use crate::model::{PathFilter, SceneIr};
     use crate::program::rewrite::jvp::Tangents;
     use crate::scene::Scene;
     use std::sync::Arc;
 
-    const ALL: [Kind; 7] = [
+    const ALL: [Kind; 8] = [
         Kind::PathTable,
         Kind::PathFilter,
         Kind::PathMaps,
         Kind::PathEvents,
+        Kind::Guide,
         Kind::Tangents,
         Kind::Adjoints,
         Kind::Cpu,
     ];
+
+    fn example() -> SceneIr {
+        let example = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/example.json");
+        Scene::from_path(example.as_ref()).unwrap().lower().unwrap()
+    }
 
     /// Asks for an addition.
     fn ask(kind: Kind, options: &mut TraceOptions) {
@@ -162,10 +184,9 @@ mod tests {
             Kind::Tangents => options.collect = Collect::Tangents(Arc::new(Tangents { parameters: vec![] })),
             Kind::Adjoints => options.collect = Collect::Adjoints,
             Kind::PathFilter => {
-                let example = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/example.json");
-                let ir = Scene::from_path(example.as_ref()).unwrap().lower().unwrap();
-                options.path_filter = Some(Arc::new(PathFilter::parse("source(beam)", &ir).unwrap()));
+                options.path_filter = Some(Arc::new(PathFilter::parse("source(beam)", &example()).unwrap()));
             }
+            Kind::Guide => options.guide = Some(Arc::new(Guide::new(&example(), [PLAIN, PLAIN]))),
             // Nobody asks for what pays.
             Kind::Cpu => {}
         }
@@ -186,7 +207,11 @@ mod tests {
             ask(two, &mut options);
             let asked = kinds(&options);
             let both = asked.contains(&one) && asked.contains(&two);
-            assert_eq!(both, together == Together::Yes, "{one:?} and {two:?}: {asked:?}");
+            let is_refused = guide::check(&example(), &options).is_err();
+            let expected =
+                [matches!(together, Together::Yes | Together::Refused), together == Together::Refused];
+            let is_asked = both && options.guide.is_some();
+            assert_eq!([both, is_asked && is_refused], expected, "{one:?} and {two:?}: {asked:?}");
         }
     }
 

@@ -10,6 +10,7 @@
 use crate::error::{Error, Result};
 use crate::format::plain;
 use crate::gpu::AdapterInfo;
+use crate::guide::Guide;
 use crate::model::{ReflectProb, Sampling, SceneIr};
 use crate::placing;
 use crate::result::output::{REPORT, SUMS_MAGIC, TALLY, holds_sums};
@@ -22,9 +23,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Version of the format.
-pub const FORMAT: u32 = 5;
+pub const FORMAT: u32 = 7;
 /// The same of a file whose sums have a proof, which follows them.
-pub const FORMAT_WITH_PROOF: u32 = 6;
+pub const FORMAT_WITH_PROOF: u32 = 8;
 
 const HEADER_BYTES: usize = 24;
 
@@ -63,6 +64,8 @@ pub struct Identity {
     pub path_filter: String,
     /// Whether second moments are summed.
     pub standard_error: String,
+    /// What guided the rays, if they were guided.
+    pub guide: Option<Guide>,
     /// Name of the adapter.
     pub adapter: String,
     /// The adapter's driver, and whether arithmetic was strict.
@@ -79,6 +82,11 @@ pub struct Checkpoint {
     /// Their proof, if it was kept.
     #[serde(skip)]
     pub proof: Option<Proof>,
+}
+
+/// The hash of what guided rays.
+fn hash_of(identity: &Identity) -> String {
+    identity.guide.as_ref().map_or("none".into(), Guide::hash)
 }
 
 /// Marks the identity of sums whose recorded paths are in a file of their own.
@@ -108,6 +116,7 @@ impl Identity {
             },
             path_filter: options.path_filter.as_ref().map_or("none".into(), |filter| filter.text.clone()),
             standard_error: format!("{:?}", options.standard_error).to_lowercase(),
+            guide: options.guide.as_deref().cloned(),
             adapter: adapter.name.clone(),
             driver: options.driver(adapter),
         }
@@ -157,6 +166,7 @@ impl Identity {
         compare("recorded paths", &theirs.paths, &self.paths);
         compare("table of paths", &theirs.path_table, &self.path_table);
         compare("filter of paths", &theirs.path_filter, &self.path_filter);
+        compare("guide", &hash_of(theirs), &hash_of(self));
         // A file may hold any text.
         lines.iter().map(|line| plain(line)).collect()
     }
@@ -368,6 +378,10 @@ fn decode(bytes: &[u8]) -> std::result::Result<Checkpoint, String> {
         let (proof, behind) = postcard::take_from_bytes(rest).map_err(damaged)?;
         (checkpoint.proof, rest) = (Some(proof), behind);
     }
+    // A device would read beyond the end of a bad table.
+    if let Some(problem) = checkpoint.identity.guide.as_ref().and_then(Guide::problem) {
+        return Err(format!("has a guide that {problem}"));
+    }
     match rest {
         [] => Ok(checkpoint),
         rest => Err(format!("is damaged: {} bytes follow its sums", rest.len())),
@@ -446,6 +460,7 @@ mod tests {
             path_table: "none".into(),
             path_filter: "none".into(),
             standard_error: "auto".into(),
+            guide: None,
             adapter: "adapter".into(),
             driver: "driver".into(),
         };

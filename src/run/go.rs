@@ -200,12 +200,14 @@ impl<'a> Run<'a> {
     fn trace(
         &self,
         gpu: &Gpu,
-        Settled { options, mut info }: Settled,
+        settled: Settled,
         resumed: Option<(PathBuf, Checkpoint)>,
         mut after_pass: impl FnMut(&mut Pass<'_, '_, '_>) -> Result<Next>,
         predicted: impl FnOnce() -> Option<ChosenPrecision>,
     ) -> Result<Outcome> {
         let model = &*self.model;
+        let begun_by = resumed.as_ref().and_then(|(_, sums)| sums.identity.guide.as_ref());
+        let Settled { options, mut info } = self.guided(gpu, settled, begun_by)?;
         let rows = match self.saves.is_some() || resumed.is_some() {
             true => &RowStorage::Sums,
             false => &self.rows,

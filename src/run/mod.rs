@@ -15,6 +15,7 @@ pub mod difference;
 mod differentiate;
 mod go;
 pub mod gradients;
+pub mod guiding;
 mod outcome;
 pub mod precision;
 pub mod proof;
@@ -39,12 +40,14 @@ pub use crate::run::tracer::Tracer;
 use crate::count;
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu};
-use crate::model::SceneIr;
+use crate::model::{PathFilter, SceneIr};
 use crate::run::checkpoint::Checkpoint;
+use crate::run::guiding::Guiding;
 use crate::run::precision::WantedPrecision;
 use crate::scene::Scene;
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// One trace of a scene, from what is asked for to the report: what `nsq-gpu trace` does.
@@ -85,6 +88,7 @@ pub struct Run<'a> {
     rows: RowStorage,
     saves: Option<Saves>,
     has_proof: bool,
+    guiding: Option<Guiding>,
     resumed: Option<(PathBuf, Checkpoint)>,
     has_profile: bool,
     pass_time: Option<Duration>,
@@ -165,6 +169,7 @@ impl<'a> Run<'a> {
             rows: RowStorage::default(),
             saves: None,
             has_proof: false,
+            guiding: None,
             resumed: None,
             has_profile: false,
             pass_time: None,
@@ -176,6 +181,11 @@ impl<'a> Run<'a> {
     /// The scene as it is traced.
     pub fn model(&self) -> &SceneIr {
         &self.model
+    }
+
+    /// The filter of paths, if there is one.
+    pub fn filter(&self) -> Option<Arc<PathFilter>> {
+        self.options.path_filter.clone()
     }
 
     /// Changes the scene that is traced, such as its sampling.

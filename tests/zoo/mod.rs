@@ -17,7 +17,7 @@ use devices::Devices;
 pub use files::{json_files, repository};
 use forced::Asked;
 use nsq_gpu::gpu::{AdapterChoice, Gpu, Native};
-use nsq_gpu::model::SceneIr;
+use nsq_gpu::model::{Coating, Interaction, SceneIr, SimpleCoating};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{RunInfo, Tally};
 use nsq_gpu::{Scene, TraceOptions, TraceResult, Tracer};
@@ -113,4 +113,16 @@ pub fn result_of(ir: &SceneIr, options: &TraceOptions, tally: &Tally) -> TraceRe
 /// Traces and reads out.
 pub fn result(ir: &SceneIr, options: &TraceOptions) -> TraceResult {
     result_of(ir, options, &trace(ir, options))
+}
+
+/// Coats every refractive face that has no coating: it reflects this share of the light, and absorbs nothing.
+pub fn coat(ir: &mut SceneIr, reflectance: f64) {
+    let num_wavelengths = ir.wavelengths.len();
+    let bare = ir.surfaces.iter_mut().filter(|surface| surface.coating.is_none());
+    for surface in bare.filter(|surface| surface.interaction == Interaction::Refractive) {
+        surface.coating = Some(Coating::Simple(SimpleCoating {
+            reflectance: vec![reflectance; num_wavelengths],
+            transmittance: vec![1.0 - reflectance; num_wavelengths],
+        }));
+    }
 }

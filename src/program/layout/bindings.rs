@@ -74,6 +74,8 @@ numbers! { "BINDING_", BINDINGS:
     ADJOINTS = 26;
     /// What a loss gains by a unit of each number, by invocation.
     ADJOINT_SUMS = 27;
+    /// With which probability rays reflect.
+    GUIDE = 28;
     /// The word that compilers must not know to be zero (shaders/math/df64.wgsl).
     DF64_ZERO = 30;
     /// The second of all parts of sums that are cut. It ends the list: the others follow it.

@@ -16,6 +16,7 @@ use crate::run::{Run, StandardError, Strict, TraceOptions, Tracer};
 use crate::scene::Scene;
 use serde::Serialize;
 use serde_json::Value;
+use std::sync::Arc;
 
 /// What the ranges of a proof say.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -195,6 +196,7 @@ fn options_of(stored: &TraceResult, identity: &Identity, ir: &SceneIr) -> Result
             "off" => StandardError::Off,
             _ => StandardError::Auto,
         },
+        guide: identity.guide.clone().map(Arc::new),
         ..options_like(&stored.run, ir)?
     })
 }

@@ -1,0 +1,385 @@
+//! Learns a guide from tables of paths, so that the first rows of a table get equal relative errors.
+//!
+//! A row that plain rays bring too seldom is to be drawn on purpose, by the sequences of its light. How often each sequence is to be
+//! drawn follows from how many of its rays arrive. Probabilities at faces then follow from the tree of all sequences:
+//! a ray reflects with the share of those that reflect there, among those that have come as it did.
+
+use crate::error::Result;
+use crate::guide::table::{Choice, Guide, NO_NODE, PLAIN, PLAIN_SHARE, fits};
+use crate::model::sequence::{Sequence, Step, StepKind};
+use crate::model::{Interaction, PathFilter, SceneIr};
+use crate::result::light_paths::groups;
+use crate::result::{FluxUnit, Grouping, PathSum, PathTally, QUANTA_PER_WEIGHT, Tally};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// To which light rays are guided.
+#[derive(Debug, Clone)]
+pub struct Wanted {
+    /// The detector of that light, by its number; all if none.
+    pub detector: Option<usize>,
+    /// Light of these paths alone.
+    pub filter: Option<Arc<PathFilter>>,
+    /// What a row is.
+    pub group: Grouping,
+    /// So many rows, those of most flux, are to have equal relative errors.
+    pub top: usize,
+}
+
+impl Default for Wanted {
+    fn default() -> Self {
+        Wanted { detector: None, filter: None, group: Grouping::Sequence, top: DEFAULT_ROWS }
+    }
+}
+
+/// Rows to which rays are guided, unless others were asked for.
+pub const DEFAULT_ROWS: usize = 50;
+
+/// What a pilot learned.
+#[derive(Debug, Clone)]
+pub struct Learned {
+    /// The guide.
+    pub guide: Guide,
+    /// Rays of the pilot.
+    pub num_rays: u64,
+    /// Rows to which it guides.
+    pub num_rows: usize,
+}
+
+/// A pilot's rounds: its rays, as a share of the largest number, and how many of them explore.
+const ROUNDS: [(f64, f64); 3] = [(0.25, 1.0), (1.0, 0.5), (1.0, 0.15)];
+/// Rays of a pilot's largest round, as a share of the trace's.
+const SHARE_OF_TRACE: f64 = 0.125;
+/// Fewest and most rays of a pilot's largest round.
+const FEWEST_RAYS: u64 = 1 << 12;
+const MOST_RAYS: u64 = 1 << 17;
+/// Reflections and scatterings up to which exploring rays reflect on purpose.
+const MOST_EXPLORED: usize = 4;
+/// Faces that an exploring ray is taken to pass, before a pilot has counted them.
+const FACES_AT_FIRST: usize = 12;
+/// Most sequences that a guide follows.
+const MOST_TARGETS: usize = 1 << 12;
+/// The share of guided rays for rows beyond the first: a ray that came to one of them by chance alone would weigh as much as
+/// its path is rare.
+const SHARE_OF_OTHERS: f64 = 0.2;
+/// Rows of so much of the flux of the last of the first rows are taken to be among them.
+const NEARLY_FIRST: f64 = 0.8;
+/// The least mean square of weights that sums of squares hold to a hundredth.
+const LEAST_SQUARE: f64 = 128.0 / QUANTA_PER_WEIGHT;
+/// The least share of rays on a sequence that is taken to arrive.
+const LEAST_ARRIVING: f64 = 1e-3;
+
+/// Learns a guide for a trace of so many rays. `pilot` traces rays with a guide, by a seed of its own for each round, into a
+/// table of paths.
+///
+/// # Errors
+/// Those of `pilot`.
+pub fn learn(
+    ir: &SceneIr,
+    wanted: &Wanted,
+    num_rays: u64,
+    mut pilot: impl FnMut(&Guide, u64, usize) -> Result<Tally>,
+) -> Result<Learned> {
+    let most = ((num_rays as f64 * SHARE_OF_TRACE) as u64).clamp(FEWEST_RAYS, MOST_RAYS);
+    let num_faces =
+        ir.surfaces.iter().filter(|surface| surface.interaction == Interaction::Refractive).count();
+    let mut reflect = 1.0 / (num_faces.min(FACES_AT_FIRST) as f64 + 1.0);
+    let mut tree = Tree::new(ir);
+    let (mut learned, mut num_rows) = (0, 0);
+    for (round, (share, exploring)) in ROUNDS.into_iter().enumerate() {
+        let guide = tree.guide(ir, Some(Exploring { share: exploring, reflect }));
+        let rays = (most as f64 * share) as u64;
+        let tally = pilot(&guide, rays, round)?;
+        learned += tally.launched.count;
+        let Some(sums) = &tally.path_sums else { continue };
+        reflect = passes(ir, sums).map_or(reflect, |passes| 1.0 / (passes + 1.0));
+        let rows = rows(ir, &tally, sums, wanted);
+        if !rows.is_empty() {
+            num_rows = num_first(&rows, wanted.top.max(1));
+            tree = Tree::of(ir, &targets(rows, num_rows, &Piloted { ir, tally: &tally, guide: &guide }));
+        }
+    }
+    // Where the pilot found nothing, exploring rays may still find something.
+    let guide = match tree.num_targets {
+        0 => tree.guide(ir, Some(Exploring { share: 1.0, reflect })),
+        _ => tree.guide(ir, None),
+    };
+    Ok(Learned { guide, num_rays: learned, num_rows })
+}
+
+/// How many refractive faces a ray passes that is not turned; none where there is no such ray.
+fn passes(ir: &SceneIr, sums: &PathTally) -> Option<f64> {
+    let straight =
+        sums.rows.iter().filter(|(sequence, _)| sequence.reflections() + sequence.scatterings() == 0);
+    let (count, passes) = straight.fold((0, 0), |(count, passes), (sequence, sum)| {
+        let faces = sequence.steps.iter().filter(|step| refracts(ir, step.surface)).count() as u64;
+        (count + sum.count, passes + sum.count * faces)
+    });
+    (count > 0).then(|| passes as f64 / count as f64)
+}
+
+fn refracts(ir: &SceneIr, surface: u32) -> bool {
+    ir.surfaces[surface as usize].interaction == Interaction::Refractive
+}
+
+/// The wanted rows of a table, those of most flux first: their sequences.
+fn rows<'a>(
+    ir: &SceneIr,
+    tally: &Tally,
+    sums: &'a PathTally,
+    wanted: &Wanted,
+) -> Vec<Vec<(&'a Sequence, PathSum)>> {
+    let unit = FluxUnit::of_scene(ir, tally.launched.count);
+    let is_wanted = |sequence: &Sequence| {
+        let detector = sequence.end.detector();
+        detector.is_some()
+            && (wanted.detector.is_none() || wanted.detector == detector)
+            && wanted.filter.as_ref().is_none_or(|filter| filter.keeps(sequence))
+    };
+    let rows = groups(ir, tally, sums, unit, wanted.group, false).into_iter().map(|group| {
+        let members = group.sequences.into_iter().filter(|sequence| is_wanted(sequence));
+        members.map(|sequence| (sequence, sums.rows[sequence])).collect::<Vec<_>>()
+    });
+    rows.filter(|row| row.iter().any(|(_, sum)| sum.quanta > 0)).collect()
+}
+
+/// The first rows, and those that may be among them: a pilot knows fluxes only roughly.
+fn num_first(rows: &[Vec<(&Sequence, PathSum)>], top: usize) -> usize {
+    let flux = |row: &Vec<(&Sequence, PathSum)>| row.iter().map(|(_, sum)| sum.quanta).sum::<u128>() as f64;
+    let last = rows.get(top - 1).map_or(0.0, flux);
+    rows.iter().take_while(|row| flux(row) >= NEARLY_FIRST * last).count()
+}
+
+/// What a pilot traced, and what guided it.
+struct Piloted<'a> {
+    ir: &'a SceneIr,
+    tally: &'a Tally,
+    guide: &'a Guide,
+}
+
+/// A sequence that rays are to take, and how many of the guided rays are to try.
+struct Target<'a> {
+    sequence: &'a Sequence,
+    share: f64,
+}
+
+/// A sequence of a row, as a pilot has measured it.
+struct Measured<'a> {
+    sequence: &'a Sequence,
+    /// Its light, as a share of all that was launched.
+    flux: f64,
+    /// The share of the rays that try to take the sequence, and arrive.
+    arriving: f64,
+}
+
+/// A row: in units of its effective rays, the guided rays that it needs, and what it gets from plain rays.
+struct Row<'a> {
+    members: Vec<Measured<'a>>,
+    /// The sum of flux / sqrt(arriving).
+    spread: f64,
+    cost: f64,
+    plain: f64,
+}
+
+/// How often each sequence of some rows is to be tried: those of the first rows, and the others.
+fn targets<'a>(
+    mut rows: Vec<Vec<(&'a Sequence, PathSum)>>,
+    num_first: usize,
+    piloted: &Piloted,
+) -> Vec<Target<'a>> {
+    let others = rows.split_off(num_first);
+    let of_others = if others.is_empty() { 0.0 } else { SHARE_OF_OTHERS };
+    let mut targets = shared(rows, piloted, 1.0 - of_others);
+    targets.extend(shared(others, piloted, of_others));
+    targets.sort_by(|one, other| other.share.total_cmp(&one.share).then(one.sequence.cmp(other.sequence)));
+    targets.truncate(MOST_TARGETS);
+    targets
+}
+
+/// A share of the guided rays, so that all rows get as many effective rays out of it.
+///
+/// A row of sequences with fluxes F, of which shares s arrive, has the smallest variance if sequences are tried in
+/// proportion to F / sqrt(s). The rays that it needs for an effective ray are then (sum of F / sqrt(s))^2 / (sum of F)^2.
+fn shared<'a>(rows: Vec<Vec<(&'a Sequence, PathSum)>>, piloted: &Piloted, of_guided: f64) -> Vec<Target<'a>> {
+    let row = |members: Vec<(&'a Sequence, PathSum)>| {
+        let members: Vec<Measured> = members.into_iter().map(|member| piloted.measured(member)).collect();
+        let flux: f64 = members.iter().map(|member| member.flux).sum();
+        let spread: f64 = members.iter().map(|member| member.flux / member.arriving.sqrt()).sum();
+        Row {
+            members,
+            spread,
+            cost: (spread / flux).powi(2) / (1.0 - PLAIN_SHARE),
+            plain: PLAIN_SHARE * flux,
+        }
+    };
+    let rows: Vec<Row> = rows.into_iter().map(row).collect();
+    let level = level(&rows, of_guided);
+    let targets = rows.into_iter().flat_map(|Row { members, spread, cost, plain }| {
+        let share = (level - plain).max(0.0) * cost / spread;
+        members.into_iter().map(move |Measured { sequence, flux, arriving }| Target {
+            sequence,
+            share: share * flux / arriving.sqrt(),
+        })
+    });
+    targets.filter(|target| target.share > 0.0).collect()
+}
+
+impl Piloted<'_> {
+    fn measured<'a>(&self, (sequence, sum): (&'a Sequence, PathSum)) -> Measured<'a> {
+        let num_rays = self.tally.launched.count.max(1) as f64;
+        let [weight, squares] = [sum.quanta, sum.squares].map(|quanta| quanta as f64 / QUANTA_PER_WEIGHT);
+        // Squares of tiny weights are rounded up to a quantum.
+        let is_rounded = squares < LEAST_SQUARE * sum.count as f64;
+        let effective = if is_rounded { sum.count as f64 } else { weight * weight / squares } / num_rays;
+        let flux = sum.quanta as f64 / self.tally.launched.quanta.max(1) as f64;
+        let tried = (1.0 - PLAIN_SHARE) * likelihood(self.guide, self.ir, sequence);
+        // Of few rays not all can have come by plain chance.
+        let guided = (effective - PLAIN_SHARE * flux).max(0.1 * effective);
+        let arriving = if tried > 0.0 { (guided / tried).clamp(LEAST_ARRIVING, 1.0) } else { 1.0 };
+        Measured { sequence, flux, arriving }
+    }
+}
+
+/// The effective share of rays that all rows reach with this share of the guided ones.
+fn level(rows: &[Row], of_guided: f64) -> f64 {
+    let needed = |level: f64| rows.iter().map(|row| (level - row.plain).max(0.0) * row.cost).sum::<f64>();
+    let (mut low, mut high) = (0.0, 2.0);
+    for _ in 0..64 {
+        let middle = 0.5 * (low + high);
+        if needed(middle) < of_guided { low = middle } else { high = middle }
+    }
+    high
+}
+
+/// The probability with which guided rays try to take a sequence.
+fn likelihood(guide: &Guide, ir: &SceneIr, sequence: &Sequence) -> f64 {
+    let (mut node, mut likelihood) = (Guide::first_node(sequence.source), 1.0);
+    for step in &sequence.steps {
+        if refracts(ir, step.surface)
+            && let Some(reflect) = guide.choice(node, step.surface).reflect
+        {
+            match step.kind {
+                StepKind::Transmitted => likelihood *= 1.0 - reflect,
+                StepKind::Reflected => likelihood *= reflect,
+                StepKind::ScatteredThrough | StepKind::ScatteredBack => {}
+            }
+        }
+        node = guide.after(node, step.kind, step.surface);
+    }
+    likelihood
+}
+
+/// How a pilot's rays explore.
+#[derive(Debug, Clone, Copy)]
+struct Exploring {
+    /// The share of the rays at each event.
+    share: f64,
+    /// With which probability they reflect.
+    reflect: f64,
+}
+
+/// What sequences do at a face, among those that come to a node.
+#[derive(Debug, Clone, Copy, Default)]
+struct Shares {
+    reflected: f64,
+    transmitted: f64,
+    /// Some sequence scatters: which branch it then took is not known.
+    scatters: bool,
+}
+
+/// The tree of sequences.
+struct Tree {
+    /// Per node, what sequences do at the faces that they meet.
+    nodes: Vec<Node>,
+    num_targets: usize,
+}
+
+#[derive(Debug, Default)]
+struct Node {
+    faces: BTreeMap<u32, Shares>,
+    next: BTreeMap<Step, u32>,
+    /// Reflections and scatterings so far.
+    depth: usize,
+}
+
+impl Tree {
+    /// A tree of no sequences: the node that does not guide, and those of the sources.
+    fn new(ir: &SceneIr) -> Self {
+        let nodes = (0..=ir.sources.len()).map(|_| Node::default()).collect();
+        Tree { nodes, num_targets: 0 }
+    }
+
+    fn of(ir: &SceneIr, targets: &[Target]) -> Self {
+        let mut tree = Tree::new(ir);
+        for target in targets {
+            if !fits(tree.nodes.len() + target.sequence.steps.len() + MOST_EXPLORED, ir) {
+                break;
+            }
+            tree.add(ir, target);
+        }
+        tree
+    }
+
+    fn add(&mut self, ir: &SceneIr, target: &Target) {
+        self.num_targets += 1;
+        let mut at = Guide::first_node(target.sequence.source) as usize;
+        for step in &target.sequence.steps {
+            if refracts(ir, step.surface) {
+                let shares = self.nodes[at].faces.entry(step.surface).or_default();
+                match step.kind {
+                    StepKind::Transmitted => shares.transmitted += target.share,
+                    StepKind::Reflected => shares.reflected += target.share,
+                    StepKind::ScatteredThrough | StepKind::ScatteredBack => shares.scatters = true,
+                }
+            }
+            if step.kind == StepKind::Transmitted {
+                continue;
+            }
+            let (new, depth) = (self.nodes.len() as u32, self.nodes[at].depth + 1);
+            let next = *self.nodes[at].next.entry(*step).or_insert(new);
+            if next == new {
+                self.nodes.push(Node { depth, ..Node::default() });
+            }
+            at = next as usize;
+        }
+    }
+
+    /// The guide that follows the tree. Where rays also explore, those that leave the tree go on exploring.
+    fn guide(&self, ir: &SceneIr, exploring: Option<Exploring>) -> Guide {
+        let first = self.nodes.len() as u32;
+        // The node of exploring rays that were turned so often.
+        let explored = |depth: usize| match exploring {
+            Some(_) if depth <= MOST_EXPLORED => first + depth as u32 - 1,
+            _ => NO_NODE,
+        };
+        let choice = |(number, node): (usize, &Node), face: u32| {
+            if number == NO_NODE as usize {
+                return PLAIN;
+            }
+            let refracts = refracts(ir, face);
+            let next = StepKind::ALL[1..].iter().map(|&kind| {
+                let step = Step { kind, surface: face };
+                node.next.get(&step).copied().unwrap_or_else(|| explored(node.depth + 1))
+            });
+            let shares = node.faces.get(&face).filter(|shares| !shares.scatters);
+            let learned = shares.map(|shares| shares.reflected / (shares.reflected + shares.transmitted));
+            let reflect = match (exploring, learned) {
+                (None, learned) => learned,
+                (Some(exploring), None) => Some(exploring.reflect).filter(|_| node.depth < MOST_EXPLORED),
+                (Some(Exploring { share, reflect }), Some(learned)) => {
+                    Some((1.0 - share) * learned + share * reflect)
+                }
+            };
+            let mut after = [NO_NODE; 3];
+            after.iter_mut().zip(next).for_each(|(place, next)| *place = next);
+            Choice { reflect: reflect.filter(|_| refracts), next: after }
+        };
+        let exploring_nodes: Vec<Node> = match exploring {
+            Some(_) => (1..=MOST_EXPLORED).map(|depth| Node { depth, ..Node::default() }).collect(),
+            None => Vec::new(),
+        };
+        let nodes = self.nodes.iter().chain(&exploring_nodes).enumerate();
+        let faces = 0..ir.surfaces.len() as u32;
+        Guide::new(ir, nodes.flat_map(|node| faces.clone().map(move |face| choice(node, face))))
+    }
+}

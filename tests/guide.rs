@@ -1,0 +1,411 @@
+//! Guided light: the same sums on average, exact weights within their bound, and rows of equal relative errors.
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "clippy's exemption of tests does not reach their helpers"
+)]
+
+mod zoo;
+
+use nsq_gpu::guide::Guide;
+use nsq_gpu::guide::learn::{Wanted, learn};
+use nsq_gpu::guide::table::PLAIN_SHARE;
+use nsq_gpu::model::{PathFilter, ReflectProb, SceneIr, Sequence, StepKind};
+use nsq_gpu::paths::rows::{TableOptions, flux_unit, table};
+use nsq_gpu::program::{Precision, Sampler};
+use nsq_gpu::result::{Grouping, LightPath, PathSum, QUANTA_PER_WEIGHT, Tally};
+use nsq_gpu::run::{Collect, ForAdapter, PipelineCache, Shaders, StandardError};
+use nsq_gpu::{Error, TraceOptions, Tracer};
+use std::sync::Arc;
+
+fn with_table(num_rays: u64, seed: u64, precision: Precision) -> TraceOptions {
+    TraceOptions { collect: Collect::paths(), ..zoo::options(num_rays, seed, precision) }
+}
+
+/// The same options, guided by what a pilot for so many rays learns.
+fn guided(ir: &SceneIr, options: &TraceOptions, num_rays: u64, wanted: &Wanted) -> TraceOptions {
+    let cache = PipelineCache::new();
+    let shaders = Shaders { cache: Some(&cache), edit: None };
+    let pilot = |guide: &Guide, num_rays, round| {
+        let options = TraceOptions {
+            num_rays,
+            seed: options.seed + 1000 * (round as u64 + 1),
+            guide: Some(Arc::new(guide.clone())),
+            collect: Collect::paths(),
+            ..options.clone()
+        };
+        Tracer::with(zoo::gpu(), ir, &options, ForAdapter::WhatPays, shaders)?.trace(|_| true)
+    };
+    let learned = learn(ir, wanted, num_rays, pilot).unwrap();
+    TraceOptions { guide: Some(Arc::new(learned.guide)), ..options.clone() }
+}
+
+/// The rows of a table, by their sequences: flux and standard error \[W\].
+fn rows(ir: &SceneIr, tally: &Tally, group: Grouping) -> Vec<LightPath> {
+    let listing = TableOptions { group, ..TableOptions::default() };
+    table(ir, tally, flux_unit(ir, tally, u64::MAX), Sampler::Pcg, &listing).paths
+}
+
+/// Sets the reflectance of every refractive face that has no coating.
+fn coated(name: &str, reflectance: f64) -> SceneIr {
+    let mut ir = zoo::load(name);
+    zoo::coat(&mut ir, reflectance);
+    ir
+}
+
+fn ledger_closes(ir: &SceneIr, options: &TraceOptions, tally: &Tally, what: &str) {
+    assert_eq!(zoo::result_of(ir, options, tally).ledger.imbalance_quanta, 0, "{what}");
+}
+
+/// Flux in units of a new ray's weight, and its error, of a sum over rays.
+fn sum_and_error(sum: &PathSum, num_rays: u64) -> [f64; 2] {
+    let [sum, squares] = [sum.quanta, sum.squares].map(|quanta| quanta as f64 / QUANTA_PER_WEIGHT);
+    [sum, (squares - sum * sum / num_rays as f64).max(0.0).sqrt()]
+}
+
+/// What detectors, losses and rows get is the same on average, in every scene that can be guided.
+#[test]
+fn guided_rays_bring_the_light_of_plain_ones_in_every_scene() {
+    const NUM_RAYS: u64 = 40_000;
+    let mut num_rows = 0;
+    for (k, name) in zoo::scenes().into_iter().enumerate() {
+        let mut ir = if k % 2 == 0 { zoo::load(&name) } else { coated(&name, 0.005) };
+        ir.sampling.reflect_prob = ReflectProb::Fresnel;
+        ir.sampling.split_depth = 0;
+        let precision = [Precision::F32, Precision::F64, Precision::Df64][k % 3];
+        let (options, what) = (with_table(NUM_RAYS, 5, precision), format!("{name}, {precision:?}"));
+        let asked = guided(&ir, &TraceOptions { seed: 6, ..options.clone() }, 1 << 15, &Wanted::default());
+        let [plain, guided] = [&options, &asked].map(|options| zoo::trace(&ir, options));
+        ledger_closes(&ir, &asked, &guided, &what);
+        let [plain, guided] = [plain, guided].map(|tally| rows(&ir, &tally, Grouping::Order));
+        for one in plain.iter().filter(|row| row.num_rays >= 30) {
+            let Some(two) = guided.iter().find(|row| row.sequence == one.sequence) else {
+                panic!("{what}: guided rays bring no light of {}", one.sequence);
+            };
+            // Beyond chance, f32 rounds products of weights.
+            let sigma = one.standard_error.unwrap().hypot(two.standard_error.unwrap()).max(1e-5 * one.flux);
+            let score = (one.flux - two.flux) / sigma;
+            assert!(
+                score.abs() < 5.0,
+                "{what}: {} {} by a guide, {} without, {score} sigma",
+                one.sequence,
+                two.flux,
+                one.flux
+            );
+            num_rows += 1;
+        }
+    }
+    assert!(num_rows > 100, "{num_rows} rows are compared");
+}
+
+/// 95 % intervals of a ghost's flux hold its mean over many seeds in 92 to 98 % of all seeds.
+#[test]
+fn intervals_of_ghosts_hold_as_often_as_they_say() {
+    const SEEDS: u64 = 400;
+    const NUM_RAYS: u64 = 2000;
+    for (name, reflectance, filter) in [
+        ("cooke_triplet", Some(0.002), None),
+        ("heliar_ghosts", None, None),
+        ("cooke_triplet", Some(0.002), Some("reflections == 2")),
+    ] {
+        let mut ir = reflectance.map_or_else(|| zoo::load(name), |reflectance| coated(name, reflectance));
+        ir.sampling = nsq_gpu::model::Sampling::default();
+        let filter = filter.map(|text| Arc::new(PathFilter::parse(text, &ir).unwrap()));
+        let options = TraceOptions { path_filter: filter, ..with_table(NUM_RAYS, 1, Precision::F64) };
+        let wanted = Wanted { top: 15, ..Wanted::default() };
+        let options = guided(&ir, &options, 1 << 17, &wanted);
+        let mut tracer = Tracer::new(zoo::gpu(), &ir, &options).unwrap();
+        let tables: Vec<_> =
+            zoo::tallies_of(&mut tracer, 100..100 + SEEDS).map(|tally| tally.path_sums.unwrap()).collect();
+        let ghosts: Vec<&Sequence> =
+            tables[0].rows.keys().filter(|sequence| sequence.reflections() == 2).collect();
+        assert!(ghosts.len() >= 3, "{name}: {} ghosts", ghosts.len());
+        for ghost in ghosts {
+            let of_seeds: Vec<[f64; 2]> = tables
+                .iter()
+                .map(|table| table.rows.get(ghost).map_or([0.0; 2], |sum| sum_and_error(sum, NUM_RAYS)))
+                .collect();
+            let counts =
+                tables.iter().filter_map(|table| table.rows.get(ghost)).map(|sum| sum.count).sum::<u64>()
+                    / SEEDS;
+            let mean = of_seeds.iter().map(|[flux, _]| flux).sum::<f64>() / SEEDS as f64;
+            if counts < 25 {
+                continue;
+            }
+            let held = of_seeds.iter().filter(|[flux, error]| (flux - mean).abs() < 1.96 * error).count();
+            let held = held as f64 / SEEDS as f64;
+            assert!(
+                (0.92..=0.98).contains(&held),
+                "{name}: {held} of the intervals of {} hold",
+                ghost.text(&ir)
+            );
+        }
+    }
+}
+
+/// The first rows have errors alike, and far smaller ones than without a guide.
+#[test]
+fn the_first_rows_get_equal_relative_errors() {
+    const NUM_RAYS: u64 = 200_000;
+    let mut ir = coated("double_gauss", 0.002);
+    ir.sampling = nsq_gpu::model::Sampling::default();
+    let options = with_table(NUM_RAYS, 3, Precision::F64);
+    let image = ir.detectors.iter().position(|detector| detector.name == "image");
+    let wanted = Wanted { detector: image, top: 16, ..Wanted::default() };
+    let asked = guided(&ir, &options, NUM_RAYS, &wanted);
+    let tally = zoo::trace(&ir, &asked);
+    let ghosts: Vec<LightPath> = rows(&ir, &tally, Grouping::Sequence)
+        .into_iter()
+        .filter(|row| row.reflections == 2 && row.detector.as_deref() == Some("image"))
+        .take(15)
+        .collect();
+    let errors: Vec<f64> = ghosts.iter().map(|row| row.standard_error.unwrap() / row.flux).collect();
+    let (least, most) =
+        errors.iter().fold((f64::INFINITY, 0.0_f64), |(low, high), &error| (low.min(error), high.max(error)));
+    assert!(errors.len() == 15 && most < 0.02 && most / least < 1.6, "{errors:?}");
+    // As many plain rays as a guided one is worth bring the same error of the strongest ghost.
+    let (flux, error) = (ghosts[0].flux, ghosts[0].standard_error.unwrap());
+    let worth = flux / (error * error) / NUM_RAYS as f64;
+    assert!(worth > 100.0, "a guided ray is worth {worth} plain rays");
+}
+
+/// No ray weighs more than 1 / PLAIN_SHARE times a plain ray on its path.
+#[test]
+fn weights_keep_their_bound() {
+    for (name, precision) in [
+        ("cooke_triplet", Precision::F32),
+        ("double_gauss", Precision::F64),
+        ("cooke_triplet", Precision::Df64),
+    ] {
+        let mut ir = coated(name, 0.002);
+        ir.sampling = nsq_gpu::model::Sampling::default();
+        let options = with_table(100_000, 2, precision);
+        let asked = guided(&ir, &options, 1 << 18, &Wanted { top: 10, ..Wanted::default() });
+        let tally = zoo::trace(&ir, &asked);
+        for (sequence, sum) in &tally.path_sums.as_ref().unwrap().rows {
+            // The mean square over the mean is at most the largest weight, which a plain ray has as 1.
+            let most = sum.squares as f64 / sum.quanta.max(1) as f64;
+            assert!(
+                most <= (1.0 + 1e-4) / PLAIN_SHARE,
+                "{name}: rays of {} weigh {most}",
+                sequence.text(&ir)
+            );
+        }
+        assert!(tally.importance_gain.quanta > 0 && tally.importance_loss.quanta > 0);
+    }
+}
+
+/// A plate's ghosts by the closed form of its coatings: R1 R2 T1 T2 for the first, and so on.
+#[test]
+fn orders_of_a_coated_plate_are_those_of_the_closed_form() {
+    let ir = nsq_gpu::Scene::from_json(PLATE).unwrap().lower().unwrap();
+    let (r, t) = ([0.01_f64, 0.002], [0.985_f64, 0.99]);
+    for precision in [Precision::F32, Precision::F64, Precision::Df64] {
+        let options = with_table(60_000, 4, precision);
+        let asked = guided(&ir, &options, 1 << 18, &Wanted { top: 4, ..Wanted::default() });
+        let sums = zoo::trace(&ir, &asked).path_sums.unwrap();
+        for order in 0..=3 {
+            let rows: Vec<_> =
+                sums.rows.iter().filter(|(sequence, _)| sequence.reflections() == 2 * order).collect();
+            assert_eq!(rows.len(), 1, "{precision:?}: order {order}");
+            let [flux, error] = sum_and_error(rows[0].1, 60_000).map(|sum| sum / 60_000.0);
+            let exact = t[0] * t[1] * (r[0] * r[1]).powi(order as i32);
+            let score = (flux - exact) / error.max(1e-7 * exact);
+            assert!(
+                score.abs() < 4.0 && error / exact < 0.02,
+                "{precision:?}: order {order} has {flux} +- {error}, not {exact}"
+            );
+        }
+    }
+}
+
+const PLATE: &str = r#"{
+    "nsq_schema_version": 1,
+    "components": [
+        {"type": "lens", "name": "P", "cs": {"z": 10.0}, "config": {"r1": Infinity, "r2": Infinity, "thickness": 5.0,
+            "front_aperture_radius": 20.0, "material": "N-BK7"}}
+    ],
+    "sources": [{"type": "collimated", "name": "S", "cs": {}, "spectrum": {"wavelengths": [0.55], "weights": [1.0]},
+        "total_flux": 1.0, "aperture_radius": 3.0}],
+    "detectors": [{"type": "irradiance", "name": "D", "cs": {"z": 40.0}, "width": 12.0, "height": 12.0,
+        "num_pixels_x": 4, "num_pixels_y": 4}],
+    "nsq_gpu": {"version": 1, "overrides": {
+        "P.front": {"coating": {"type": "simple", "reflectance": 0.01, "transmittance": 0.985}},
+        "P.back": {"coating": {"type": "simple", "reflectance": 0.002, "transmittance": 0.99}}}}
+}"#;
+
+/// With a filter, rays follow the one branch whose light may be kept. What the filter keeps and what its opposite keeps add up.
+#[test]
+fn a_filter_and_its_opposite_add_up_where_rays_are_guided() {
+    const NUM_RAYS: u64 = 60_000;
+    for (name, text) in [
+        ("cooke_triplet", "reflections == 2"),
+        ("heliar_ghosts", "reflections >= 1 and events < 20"),
+        ("scattering_telescope", "scatterings > 0 or reflections > 2"),
+        ("filter_stack", "reflections < 2"),
+        ("ball_lens_ghosts", "not sequence(\"* > R * > * > R * > *\")"),
+    ] {
+        let mut ir = zoo::load(name);
+        ir.sampling = nsq_gpu::model::Sampling::default();
+        let whole = zoo::trace(&ir, &with_table(NUM_RAYS, 8, Precision::F64)).path_sums.unwrap();
+        let mut sum = [0.0; 2];
+        for text in [text.to_string(), format!("not ({text})")] {
+            let filter = Arc::new(PathFilter::parse(&text, &ir).unwrap());
+            let options =
+                TraceOptions { path_filter: Some(filter.clone()), ..with_table(NUM_RAYS, 9, Precision::F64) };
+            let asked =
+                guided(&ir, &options, 1 << 18, &Wanted { filter: Some(filter.clone()), ..Wanted::default() });
+            let tally = zoo::trace(&ir, &asked);
+            ledger_closes(&ir, &asked, &tally, &format!("{name}: {text}"));
+            let sums = tally.path_sums.unwrap();
+            assert!(sums.rows.keys().all(|sequence| filter.keeps(sequence)), "{name}: {text}");
+            for total in sums.totals().values() {
+                let [flux, error] = sum_and_error(total, NUM_RAYS);
+                sum = [sum[0] + flux, sum[1].hypot(error)];
+            }
+        }
+        let of_whole: Vec<[f64; 2]> =
+            whole.totals().values().map(|total| sum_and_error(total, NUM_RAYS)).collect();
+        let (flux, error) =
+            of_whole.iter().fold((0.0, 0.0_f64), |(flux, error), [f, e]| (flux + f, error.hypot(*e)));
+        let sigma = sum[1].hypot(error);
+        assert!(
+            (sum[0] - flux).abs() < 4.0 * sigma,
+            "{name}: {} +- {} of parts, {flux} +- {error} of all",
+            sum[0],
+            sum[1]
+        );
+    }
+}
+
+/// Every ray follows a chosen ghost, as far as its geometry lets it.
+#[test]
+fn every_ray_follows_a_chosen_ghost() {
+    const NUM_RAYS: u64 = 20_000;
+    let mut ir = coated("cooke_triplet", 0.002);
+    ir.sampling = nsq_gpu::model::Sampling::default();
+    let options = with_table(NUM_RAYS, 3, Precision::F64);
+    let all = zoo::trace(&ir, &guided(&ir, &options, 1 << 18, &Wanted::default())).path_sums.unwrap();
+    let (ghost, sum) = all
+        .rows
+        .iter()
+        .filter(|(sequence, _)| sequence.reflections() == 2)
+        .max_by_key(|(_, sum)| sum.quanta)
+        .unwrap();
+    let [flux, error] = sum_and_error(sum, NUM_RAYS);
+    let text = format!("sequence(\"{}\")", ghost.text(&ir));
+    let filter = Arc::new(PathFilter::parse(&text, &ir).unwrap());
+    let options = TraceOptions { path_filter: Some(filter.clone()), ..options };
+    let asked = guided(&ir, &options, 1 << 18, &Wanted { filter: Some(filter), ..Wanted::default() });
+    let tally = zoo::trace(&ir, &asked);
+    ledger_closes(&ir, &asked, &tally, &text);
+    let sums = tally.path_sums.unwrap();
+    assert_eq!(sums.rows.keys().collect::<Vec<_>>(), [ghost]);
+    let [alone, error_alone] = sum_and_error(&sums.rows[ghost], NUM_RAYS);
+    assert!(
+        (alone - flux).abs() < 4.0 * error.hypot(error_alone),
+        "{alone} +- {error_alone}, {flux} +- {error}"
+    );
+    // Half of the rays at least come through, and all weigh the same: R^2 T^n.
+    let count = sums.rows[ghost].count;
+    assert!(count > NUM_RAYS / 2, "{count} of {NUM_RAYS} rays");
+    let passes = ghost.steps.iter().filter(|step| step.kind == StepKind::Transmitted).count() as i32;
+    let exact = 0.002_f64.powi(2) * 0.998_f64.powi(passes) * count as f64;
+    assert!((alone / exact - 1.0).abs() < 1e-6, "{alone}, not {exact}");
+}
+
+/// The rays of parts that share a guide are those of the whole, to the bit.
+#[test]
+fn parts_with_one_guide_add_up_to_the_whole() {
+    let mut ir = coated("cooke_triplet", 0.01);
+    ir.sampling = nsq_gpu::model::Sampling::default();
+    let options = TraceOptions { standard_error: StandardError::On, ..with_table(9000, 3, Precision::F64) };
+    let asked = guided(&ir, &options, 1 << 18, &Wanted::default());
+    let whole = zoo::trace(&ir, &asked);
+    let part = |first_ray, num_rays| {
+        let options = TraceOptions { first_ray, num_rays, of_rays: Some(9000), ..asked.clone() };
+        Tracer::new(zoo::gpu(), &ir, &options).unwrap().trace(|_| true).unwrap()
+    };
+    let mut sum = part(0, 2500);
+    sum += &part(2500, 6500);
+    assert_eq!(sum, whole);
+    // A guide survives its file.
+    let text = asked.guide.as_ref().unwrap().to_json().unwrap();
+    let file = tempfile::NamedTempFile::new().unwrap();
+    std::fs::write(file.path(), text).unwrap();
+    let read = Guide::read(file.path()).unwrap();
+    assert_eq!(zoo::trace(&ir, &TraceOptions { guide: Some(Arc::new(read)), ..asked }), whole);
+}
+
+/// Sobol points are guided as well, and so are groups of sequences.
+#[test]
+fn sobol_points_and_groups_are_guided() {
+    const NUM_RAYS: u64 = 1 << 15;
+    let mut ir = coated("cooke_triplet", 0.002);
+    ir.sampling = nsq_gpu::model::Sampling::default();
+    let options = with_table(NUM_RAYS, 3, Precision::F64);
+    let ghosts = |tally: Tally| {
+        let sums = tally.path_sums.unwrap();
+        let all = sums.rows.iter().filter(|(sequence, _)| sequence.reflections() == 2);
+        let mut total = PathSum::default();
+        all.for_each(|(_, sum)| total += *sum);
+        sum_and_error(&total, NUM_RAYS)
+    };
+    let asked = guided(&ir, &options, 1 << 18, &Wanted { group: Grouping::Order, ..Wanted::default() });
+    let [flux, error] = ghosts(zoo::trace(&ir, &asked));
+    let [sobol, _] = ghosts(zoo::trace(&ir, &TraceOptions { sampler: Sampler::Sobol, ..asked.clone() }));
+    assert!(
+        (sobol - flux).abs() < 4.0 * error && error < 0.02 * flux,
+        "{sobol} by Sobol points, {flux} +- {error}"
+    );
+}
+
+/// What cannot be guided is refused by name.
+#[test]
+fn what_cannot_be_guided_is_refused() {
+    let mut ir = coated("cooke_triplet", 0.01);
+    ir.sampling = nsq_gpu::model::Sampling::default();
+    let asked = guided(&ir, &with_table(4096, 3, Precision::F64), 1 << 12, &Wanted::default());
+    let problem = |ir: &SceneIr, options: &TraceOptions| match Tracer::new(zoo::gpu(), ir, options) {
+        Err(Error::Usage(problem)) => problem,
+        Err(other) => panic!("{other}"),
+        Ok(_) => panic!("it is traced"),
+    };
+    let mut other = ir.clone();
+    other.sampling.reflect_prob = ReflectProb::Auto;
+    assert!(problem(&other, &asked).contains("--reflect-prob fresnel"));
+    other.sampling = nsq_gpu::model::Sampling { split_depth: 3, ..ir.sampling.clone() };
+    assert!(problem(&other, &asked).contains("--split-depth 0"));
+    assert!(
+        problem(&ir, &TraceOptions { collect: Collect::Adjoints, ..asked.clone() }).contains("derivatives")
+    );
+    assert!(problem(&zoo::load("double_gauss"), &asked).contains("learned for another scene"));
+}
+
+/// Planted errors turn the comparison with plain rays red.
+#[test]
+fn planted_errors_are_noticed() {
+    let ir = nsq_gpu::Scene::from_json(PLATE).unwrap().lower().unwrap();
+    let options = with_table(60_000, 4, Precision::F64);
+    let asked = guided(&ir, &options, 1 << 18, &Wanted { top: 4, ..Wanted::default() });
+    let flux_of = |tally: Tally, reflections: usize| {
+        let sums = tally.path_sums.unwrap();
+        let row = sums.rows.iter().find(|(sequence, _)| sequence.reflections() == reflections);
+        row.map_or([0.0; 2], |(_, sum)| sum_and_error(sum, 60_000).map(|sum| sum / 60_000.0))
+    };
+    let exact = 0.985 * 0.99 * 0.01 * 0.002;
+    let is_off = |tally: Tally| {
+        let [flux, error] = flux_of(tally, 2);
+        (flux - exact).abs() > 6.0 * error || error == 0.0
+    };
+    assert!(!is_off(zoo::trace(&ir, &asked)));
+    for (before, after) in [
+        ("reflected / drawn", "2.0 * reflected / drawn"),
+        ("transmittance / (1.0 - drawn)", "transmittance"),
+        ("real(f32(units)) * 2.3283064365386963e-10", "real(mixed)"),
+        ("bits < units", "bits < units / 2u"),
+    ] {
+        let planted = zoo::edited(&ir, &asked, before, after).trace(|_| true).unwrap();
+        assert!(is_off(planted), "`{after}` is not noticed");
+    }
+}
