@@ -49,6 +49,8 @@ results carry a graph to tensors that have ``requires_grad``, where TorchBackend
 
 ``diff(a, b, num_rays)`` says what a change does: both scenes by the same draws, A - B with standard errors of its own.
 
+``ghosts(optic)`` is the table of a lens's ghosts over its fields, with maps of the worst ones.
+
 ``export_scene(scene, "scene.json")`` writes a file that alone, given to ``nsq-gpu trace``, traces as the live scene
 does, with all that ``scene.to_json`` drops; ``load_scene("scene.json")`` reads it back, or a file of your own; of
 JSON5, it takes comments and trailing commas, and no more. What no file can hold (polarised coatings, classes of
@@ -84,6 +86,8 @@ from nsq_gpu.errors import (
     UsageError,
 )
 from nsq_gpu.export import export_scene
+from nsq_gpu.ghost_table import Ghosts
+from nsq_gpu.ghosting import ghosts
 from nsq_gpu.gradients import Jacobian, jacobian, loss_gradient
 from nsq_gpu.loading import load_scene
 from nsq_gpu.paths import PathTable
@@ -100,6 +104,7 @@ __all__ = [
     "BinaryNotFoundError",
     "DeviceError",
     "Difference",
+    "Ghosts",
     "Interrupted",
     "Jacobian",
     "MissingLibraryError",
@@ -123,6 +128,7 @@ __all__ = [
     "find_binary",
     "from_file",
     "from_optic",
+    "ghosts",
     "jacobian",
     "load",
     "load_scene",

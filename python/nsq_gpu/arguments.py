@@ -6,6 +6,7 @@ UsageError: backend is 'f32', which is a precision; write NsqGpuBackend(precisio
 
 from __future__ import annotations
 
+import difflib
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -60,6 +61,13 @@ def check_mapping(name: str, value: object, example: str) -> None:
     """Refuse what is no mapping by name."""
     if not isinstance(value, Mapping):
         raise wrong_kind(name, value, f"give a dictionary, such as {example}")
+
+
+def near(word: str, known: Iterable[str]) -> str:
+    """Return which of the known names is meant; where none is near, all of them."""
+    known = list(known)
+    meant = difflib.get_close_matches(word, known, 1)
+    return f"did you mean {meant[0]!r}?" if meant else f"known here: {', '.join(map(repr, known))}"
 
 
 class of_an_instance:  # noqa: N801

@@ -9,6 +9,7 @@ import numpy as np
 from nsq_gpu.errors import UsageError
 
 if TYPE_CHECKING:
+    from nsq_gpu.ghost_table import Ghosts
     from nsq_gpu.results import Result
 
 #: Most decades of a logarithmic scale.
@@ -28,8 +29,7 @@ def plot(result: Result, detector: str | None, *, scale: str, unit: str | None, 
     name = _chosen(result, detector)
     kind = result.report_json["detectors"][name]["kind"]
     found = result.detectors[name]
-    if scale not in ("linear", "log"):
-        raise UsageError(f"scale is {scale!r}; give 'linear' or 'log'")
+    _check_scale(scale)
     if wavelength is not None and kind != "spectral":
         raise UsageError(f"wavelength is {wavelength!r}, and {name!r} has no wavelengths: it is of the kind {kind}")
     if kind == "spectral" and wavelength is None:
@@ -51,6 +51,11 @@ def plot(result: Result, detector: str | None, *, scale: str, unit: str | None, 
         title = f"{name}{at}: {_flux(found, values):.4g} W"
     ax.set_title(title + (", stopped before the end" if result.partial else ""))
     return ax
+
+
+def _check_scale(scale: str) -> None:
+    if scale not in ("linear", "log"):
+        raise UsageError(f"scale is {scale!r}; give 'linear' or 'log'")
 
 
 def _chosen(result: Result, detector: str | None) -> str:
@@ -162,3 +167,30 @@ def _draw_spectrum(ax: Any, found: Any, entry: dict[str, Any], scale: str, optio
     ax.set_xlabel("wavelength [µm]")
     ax.set_ylabel("flux [W per bin]")
     ax.set_yscale(scale)
+
+
+def plot_ghosts(found: Ghosts, top: int | None, scale: str, unit: str | None, options: Any) -> Any:
+    """Draw the maps of the worst ghosts; :meth:`nsq_gpu.Ghosts.plot` says how."""
+    import matplotlib.pyplot as plt
+
+    _check_scale(scale)
+    if top is not None and not 1 <= top <= found.top:
+        raise UsageError(f"top is {top!r}, and {found.top} ghosts of a field have maps; give 1 to {found.top}")
+    places = [(i, j) for i, of_field in enumerate(found.fields) for j, known in enumerate(of_field.maps[:top]) if known is not None]
+    if not places:
+        raise UsageError("there is no ghost to draw; trace more rays: ghosts(..., num_rays=1_000_000)")
+    values, label, norm = _scaled(np.stack([found.fields[i].maps[j] for i, j in places]), unit, "irradiance", scale)
+    shape = (len(found.fields), max(j for _, j in places) + 1)
+    figure, axes = plt.subplots(*shape, figsize=(2.4 * shape[1] + 1.2, 2.7 * shape[0]), layout="constrained", sharex=True, sharey=True, squeeze=False)
+    for (i, j), map in zip(places, values, strict=True):
+        of_field, row = found.fields[i], found.fields[i].rows[j]
+        extent = (*_edges(of_field.x), *_edges(of_field.y))
+        image = axes[i, j].imshow(map, **{"origin": "lower", "extent": extent, "norm": norm, "interpolation": "nearest", **options})
+        axes[i, j].set_title(f"{of_field.field.label}: {row['faces']}\n{100.0 * row['share']:.2g} % of the light", fontsize="small")
+        axes[i, j].set_facecolor(image.get_cmap()(0.0))
+    for place in np.ndindex(shape):
+        axes[place].set_visible(place in places)
+    figure.colorbar(image, ax=axes, label=f"Irradiance [{label}]")
+    figure.supxlabel("x [mm]")
+    figure.supylabel("y [mm]")
+    return axes

@@ -16,7 +16,7 @@ from concurrent import futures
 from typing import IO, Any
 
 from nsq_gpu.errors import NsqGpuError, TraceTimeoutError, UsageError, error_of
-from nsq_gpu.progress import Shown, Update
+from nsq_gpu.progress import Counter, Shown, Update
 
 #: Longest time between two looks at the clock, and so at Ctrl-C on systems where a wait hides it [s].
 TICK = 0.1
@@ -51,7 +51,7 @@ def check_not_ending() -> None:
         raise NsqGpuError(ENDING)
 
 
-def run(command: Sequence[str], timeout: float | None = None, progress: Shown | None = None,
+def run(command: Sequence[str], timeout: float | None = None, progress: Shown | Counter | None = None,
         accepted: Sequence[int] = (0,), folder: str | None = None, keeps: bool = False) -> tuple[int, str]:
     """Run a command, in ``folder`` if one is given; what it writes to stderr goes to the exception if it fails.
 
@@ -123,7 +123,7 @@ def _end(child: subprocess.Popen[str]) -> int:
     return code
 
 
-def _listen(child: subprocess.Popen[str], timeout: float | None, progress: Shown | None) -> list[str]:
+def _listen(child: subprocess.Popen[str], timeout: float | None, progress: Shown | Counter | None) -> list[str]:
     """Return the lines of stderr when it closes; lines of progress are shown, in the caller's thread."""
     timeout = seconds(timeout)
     deadline = None if timeout is None else time.monotonic() + timeout

@@ -103,6 +103,10 @@ class Counter:
         self._start = time.monotonic()
         shown.begin(num_rays)
 
+    def show(self, update: Update) -> None:
+        """Show how far the trace that runs is."""
+        self._show(update.rays)
+
     def add(self, rays: int, relative_error: float | None = None) -> None:
         """Show that so many more rays are done."""
         self._done += rays

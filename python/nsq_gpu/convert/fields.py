@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import optiland.backend as be
+from optiland.fields import Field
+from optiland.fields.field_types import AngleField
 from optiland.nonsequential import NSQMaterial, NSQScene
 from optiland.nonsequential.sources.base import Spectrum
 
-from nsq_gpu.convert.prescription import fields_of, rays_of
+from nsq_gpu.convert.prescription import fields_of, in_double, rays_of, without_polarised_coatings
 from nsq_gpu.convert.report import LensReport
 from nsq_gpu.errors import UnsupportedSceneError
 from nsq_gpu.frames import frame
@@ -47,6 +50,32 @@ def add_sources(scene: NSQScene, optic: Any, medium: NSQMaterial | None, report:
             report.remarks.append(f"field {number + 1} (source_{number}): vignetting moves its pupil by {field[2].decenter_x:.4g} along x and "
                                   f"{field[2].decenter_y:.4g} along y, in units of the pupil's radius")
         scene.source_registry.add(f"source_{number}", source)
+
+
+def field_unit(optic: Any) -> str:
+    """Return the unit of the coordinates of an Optic's fields: deg of angles, else mm."""
+    return "deg" if isinstance(optic.fields.field_definition, AngleField) else "mm"
+
+
+def sources_of(optic: Any, fields: Sequence[tuple[float, float]], medium: NSQMaterial | None) -> dict[str, PupilSource]:
+    """Return the light of other fields, 1 W each, as ``source_0`` and on; the Optic keeps its own.
+
+    Args:
+        optic: Optiland's Optic.
+        fields: Pairs of x and y, in the unit of its fields.
+        medium: Medium around the sources.
+
+    Raises:
+        UnsupportedSceneError: The rays of a field are none of a pupil source's, by its name.
+    """
+    scene, own = NSQScene(), optic.fields.fields
+    with in_double(), without_polarised_coatings(optic):
+        try:
+            optic.fields.fields = [Field(x=x, y=y) for x, y in fields]
+            add_sources(scene, optic, medium, LensReport())
+        finally:
+            optic.fields.fields = own
+    return dict(zip(scene.source_names, scene.sources, strict=True))
 
 
 def _rays(optic: Any, field: _Field, pupil: np.ndarray, wavelength: float) -> tuple[np.ndarray, np.ndarray]:
