@@ -169,7 +169,8 @@ class Ghosts(Displayed):
         worst = [row for of_field in self.fields for row in of_field.rows[: self.top]]
         pairs = {_without_source(row): row["faces"] for row in sorted(worst, key=lambda row: -row["flux"])}
         rows = [[faces, *(_cell(found.get(key)) for found in of_fields)] for key, faces in pairs.items()][:MOST_ROWS]
-        title = f"Ghosts: flux [W] on {self.detector}, {self.num_rays:,} rays a field" + (", stopped before its end" if self.partial else "")
+        title = f"Ghosts: flux [W] on {self.detector}, {self.num_rays:,} rays a field"
+        title += ", stopped before its end" if self.partial else ""
         return Summary(title, ["reflected by", *(of_field.field.label for of_field in self.fields)], rows, len(pairs))
 
 

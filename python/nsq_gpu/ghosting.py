@@ -7,13 +7,14 @@ import inspect
 import os
 import tempfile
 import time
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from optiland.nonsequential import NSQScene
 from optiland.nonsequential.components.refractive import RefractiveComponent
+from optiland.nonsequential.ir.scene_ir import SamplingPolicy
 from optiland.optic import Optic
 
 from nsq_gpu.arguments import near, wrong_kind
@@ -40,13 +41,14 @@ GROUPS = ("faces", "sequence")
 SORTS = {"flux": "flux", "peak": "peak_irradiance"}
 #: Most ghosts of a field that have a column in the montage. The program writes the maps of fifty rows, others among them.
 MOST_TOP = 20
-#: Of an Optic: rays of fewer events are split; pixels of its detector; and events of a ray for each face, of which a ghost of the
-#: first face and the last takes three.
-_SPLITS, _PIXELS, _EVENTS = 12, (128, 128), 4
+#: Rays of fewer events are split. A ray has so many events for each face; a ghost of the first face and the last takes three.
+_SPLITS, _EVENTS = 12, 4
+#: Pixels of an Optic's detector.
+_PIXELS = (128, 128)
 
 
 def ghosts(optic_or_scene: Optic | NSQScene | Mapping[str, Any] | str | os.PathLike[str], fields: Sequence[Any] | None = None,
-           top: int = 5, *, num_rays: int = 100_000, seed: int = 0, detector: str | None = None, group: str = "faces",
+           top: int = 5, *, num_rays: int = 20_000, seed: int = 0, detector: str | None = None, group: str = "faces",
            sort: str = "flux", min_reflections: int = 2, split_depth: int | None = None, guide: bool = True,
            max_depth: int | None = None, precision: str = "auto", adapter: str | None = None,
            binary: str | os.PathLike[str] | None = None, timeout: float | None = None, progress: Progress = None) -> Ghosts:
@@ -74,11 +76,11 @@ def ghosts(optic_or_scene: Optic | NSQScene | Mapping[str, Any] | str | os.PathL
         sort: What is worse: ``"flux"``, or ``"peak"``, the brightest pixel, which needs more rays to be known.
         min_reflections: Fewest reflections of a ghost. Those of mirrors and total reflections count: give 4 where light
             of the image has two.
-        split_depth: Rays of fewer events follow both branches at each face. None takes 12 of an Optic, but 0 where rays are
-            guided; of a scene its own.
-        guide: True guides rays towards ghosts, where the program can.
-        max_depth: Largest number of events of a ray. None takes 4 for each face of an Optic, or 2 for each surface of a scene,
-            but at least 16.
+        split_depth: Rays of fewer events follow both branches at each face. None takes 12, unless rays are guided, or the
+            scene has a sampling policy of its own.
+        guide: True guides rays towards ghosts, where the program can, and neither ``split_depth`` nor the scene says how
+            it is sampled.
+        max_depth: Largest number of events of a ray. None takes 4 for each face that refracts, but at least 16.
         precision: As that of :class:`nsq_gpu.NsqGpuBackend`.
         adapter: A part of the adapter's name.
         binary: Path of the program.
@@ -91,40 +93,54 @@ def ghosts(optic_or_scene: Optic | NSQScene | Mapping[str, Any] | str | os.PathL
         Interrupted: Ctrl-C ended the call; ``partial`` has the fields that are done. So it is with TraceTimeoutError.
     """
     top = _checked(top, group, sort, min_reflections)
-    program, is_guided = find_binary(binary), guide and _can_guide()
+    rays, program = whole_number("num_rays", num_rays), find_binary(binary)
     lens = _lens(optic_or_scene, fields)
     exported = export(lens.scene)
     refracting = _refracting(lens.scene, exported)
     name = _detector(exported.document["detectors"], detector)
-    if isinstance(optic_or_scene, Optic):
-        split_depth = (0 if is_guided else _SPLITS) if split_depth is None else split_depth
-        max_depth = max(16, _EVENTS * len(refracting)) if max_depth is None else max_depth
-    rays = whole_number("num_rays", num_rays)
-    options = {"num-rays": rays, "seed": whole_number("seed", seed), "max-depth": max_depth, "split-depth": split_depth,
-               "precision": precision, "adapter": adapter, "detector": name, "group": group}
-    command = [program, "paths", *(f"--{key}={value}" for key, value in options.items() if value is not None)]
-    command += ["--guide"] * is_guided
+    options = {"num-rays": rays, "seed": whole_number("seed", seed), "precision": precision, "adapter": adapter, "detector": name,
+               "group": group, "split-depth": split_depth,
+               "max-depth": max(16, _EVENTS * len(refracting)) if max_depth is None else whole_number("max_depth", max_depth)}
+    command = [program, "paths", *_arguments(options, guide, lens.scene)]
+    found, known = Ghosts(lens.scene, name, lens.unit, top, [], rays), set[str]()
+
+    def trace(field: Field, left: float | None, counted: Counter, mode: str) -> GhostsOfField:
+        with tempfile.TemporaryDirectory(prefix="nsq-gpu-") as folder:
+            document = _alone(exported.document, field)
+            report = _traced([*command, f"--progress={mode}"], document, Path(folder), left, counted)
+            warn_of(report, None, known)
+            rows = _rows(report, field, refracting, min_reflections, SORTS[sort])
+            return _of_field(report, Path(folder) / "out", field, rows, top, name)
+
+    _trace_all(found, lens.fields, trace, timeout, progress)
+    return found
+
+
+def _arguments(options: Mapping[str, Any], guide: bool, scene: NSQScene) -> list[str]:
+    """Return options of the command. Where nothing says how the scene is sampled, rays are guided, or else split."""
+    is_free = options["split-depth"] is None and getattr(scene, "sampling_policy", None) in (None, SamplingPolicy())
+    is_guided = is_free and guide and _can_guide()
+    named = {**options, "split-depth": _SPLITS} if is_free and not is_guided else options
+    return [*(f"--{key}={value}" for key, value in named.items() if value is not None), *["--guide"] * is_guided]
+
+
+def _trace_all(found: Ghosts, fields: Sequence[Field], trace: Callable[[Field, float | None, Counter, str], GhostsOfField],
+               timeout: float | None, progress: Progress) -> None:
+    """Trace each field; what ends that early takes the fields that are done along."""
     timeout = seconds(timeout)
     deadline = None if timeout is None else time.monotonic() + timeout
-    found, known = Ghosts(lens.scene, name, lens.unit, top, [], rays), set[str]()
     with Shown(progress) as shown:
-        counted = Counter(shown, len(lens.fields) * rays)
-        command.append(f"--progress={shown.mode}")
+        counted = Counter(shown, len(fields) * found.num_rays)
         try:
-            for field in lens.fields:
+            for field in fields:
                 left = None if deadline is None else max(deadline - time.monotonic(), 0.0)
-                with tempfile.TemporaryDirectory(prefix="nsq-gpu-") as folder:
-                    report = _traced(command, _alone(exported.document, field), Path(folder), left, counted)
-                    warn_of(report, None, known)
-                    rows = _rows(report, field, refracting, min_reflections, SORTS[sort])
-                    found.fields.append(_of_field(report, Path(folder) / "out", field, rows, top, name))
-                counted.add(rays)
+                found.fields.append(trace(field, left, counted, shown.mode))
+                counted.add(found.num_rays)
         except TraceTimeoutError as stop:
             late = TraceTimeoutError(f"the ghosts took longer than timeout = {timeout:g} s and were ended")
             raise with_partial(late, _partial(found)) from stop
         except KeyboardInterrupt as stop:
             raise with_partial(stop, _partial(found))
-    return found
 
 
 def _partial(found: Ghosts) -> Ghosts | None:

@@ -181,7 +181,8 @@ def plot_ghosts(found: Ghosts, top: int | None, scale: str, unit: str | None, op
         raise UsageError("there is no ghost to draw; trace more rays: ghosts(..., num_rays=1_000_000)")
     values, label, norm = _scaled(np.stack([found.fields[i].maps[j] for i, j in places]), unit, "irradiance", scale)
     shape = (len(found.fields), max(j for _, j in places) + 1)
-    figure, axes = plt.subplots(*shape, figsize=(2.4 * shape[1] + 1.2, 2.7 * shape[0]), layout="constrained", sharex=True, sharey=True, squeeze=False)
+    figure, axes = plt.subplots(*shape, figsize=(2.4 * shape[1] + 1.2, 2.7 * shape[0]), layout="constrained", sharex=True,
+                                sharey=True, squeeze=False)
     for (i, j), map in zip(places, values, strict=True):
         of_field, row = found.fields[i], found.fields[i].rows[j]
         extent = (*_edges(of_field.x), *_edges(of_field.y))

@@ -6,6 +6,7 @@ import functools
 import json
 import subprocess
 import sys
+import time
 import warnings
 from pathlib import Path
 from typing import Any
@@ -207,6 +208,35 @@ def test_the_brightest_may_come_first() -> None:
     assert {row["faces"] for row in by_peak} == {row["faces"] for row in rows_of(triplet(), 1)}
 
 
+@pytest.mark.parametrize("is_guided", [False, True])
+def test_each_option_reaches_the_program(is_guided: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Told(Exception):
+        """The command."""
+
+    def told(command: list[str], *more: Any) -> None:
+        raise Told(command)
+
+    monkeypatch.setattr(ghosting, "_traced", told)
+    monkeypatch.setattr(ghosting, "_can_guide", lambda: is_guided)
+
+    def command(scene: NSQScene, **options: Any) -> list[str]:
+        with pytest.raises(Told) as caught:
+            nsq_gpu.ghosts(scene, binary=live.binary(), **options)
+        return caught.value.args[0]
+
+    given = {"num_rays": 1e3, "seed": 5, "max_depth": 9, "split_depth": 3, "precision": "f32", "adapter": "llvm", "detector": "image"}
+    whole = command(plate(), progress=True, **given)
+    expected = {f"--{name.replace('_', '-')}={int(value) if isinstance(value, float) else value}" for name, value in given.items()}
+    assert expected | {"--group=faces", "--progress=json"} <= set(whole) and "--guide" not in whole
+    # Rays are guided or split, unless the caller or the scene says how it is sampled.
+    free = command(plate())
+    assert ("--guide" in free) == is_guided and ("--split-depth=12" in free) == (not is_guided) and "--max-depth=16" in free
+    assert "--guide" not in command(plate(), guide=False) and "--split-depth=12" in command(plate(), guide=False)
+    own = plate()
+    own.sampling_policy = SamplingPolicy(reflect_prob=0.2)
+    assert not {"--guide", "--split-depth=12"} & set(command(own))
+
+
 # What is shown
 
 
@@ -243,7 +273,8 @@ def test_a_dataset_has_maps_of_all_fields() -> None:
 def test_the_summary_has_a_column_a_field() -> None:
     text, page = repr(triplet()), triplet()._repr_html_()
     lines = text.splitlines()
-    assert lines[0].startswith("Ghosts: flux [W] on image, 4,000 rays a field") and lines[1].split() == ["reflected", "by", "0°", "14°", "20°"]
+    assert lines[0] == "Ghosts: flux [W] on image, 4,000 rays a field"
+    assert lines[1].split() == ["reflected", "by", "0°", "14°", "20°"]
     assert all(" > " in line and "±" in line for line in lines[2:6])
     assert "14°" in page and page.count("<table>") == 1
 
@@ -321,6 +352,17 @@ def test_a_stop_keeps_the_fields_that_are_done(how: str, monkeypatch: pytest.Mon
     with pytest.raises(KeyboardInterrupt if how == "ctrl-c" else nsq_gpu.TraceTimeoutError) as caught:
         found_of(CookeTriplet(), num_rays=500, timeout=600)
     assert getattr(caught.value, "partial", None) is None
+
+
+def test_an_interrupt_within_the_first_field_ends_the_program() -> None:
+    def stop(rays: int, *more: float) -> None:
+        if rays > 0:
+            raise KeyboardInterrupt
+
+    start = time.monotonic()
+    with pytest.raises(KeyboardInterrupt) as caught:
+        found_of(CookeTriplet(), num_rays=100_000_000, progress=stop)
+    assert not isinstance(caught.value, nsq_gpu.Interrupted) and time.monotonic() - start < 60.0
 
 
 def test_a_timeout_ends_the_call() -> None:
