@@ -25,6 +25,7 @@ from nsq_gpu.convert.fields import field_unit, sources_of
 from nsq_gpu.errors import SceneError, TraceTimeoutError, UsageError, with_partial
 from nsq_gpu.export import ExportedScene, export, to_json
 from nsq_gpu.export.values import whole_number
+from nsq_gpu.frames import number_of
 from nsq_gpu.ghost_table import Field, Ghosts, GhostsOfField
 from nsq_gpu.integrity import load_arrays, read_report
 from nsq_gpu.loading import load_scene
@@ -213,7 +214,7 @@ def _lens_of_optic(optic: Optic, fields: Any) -> _Lens:
         for name, source in sources.items():
             scene.source_registry.add(name, source)
     else:
-        places = [(float(field.x), float(field.y)) for field in optic.fields.fields]
+        places = [(number_of(field.x), number_of(field.y)) for field in optic.fields.fields]
     return _Lens(scene, [Field(_label(x, y, unit), x, y, name) for name, (x, y) in zip(scene.source_names, places, strict=True)], unit)
 
 
