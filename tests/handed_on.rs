@@ -79,6 +79,10 @@ const OPTIONS: &[(&str, Handed)] = &[
     ("paths", Refused(&["--paths=on"], "--paths on")),
     ("path-rows", Same(&["--path-rows=100"])),
     ("where", Changes(&["--where=reflections == 2"])),
+    ("guide", Refused(&["--guide"], "derivatives take rays that are not guided")),
+    // A file that must be there.
+    ("guide-from", Elsewhere),
+    ("guide-to", Refused(&["--guide", "--guide-to=g.json"], "derivatives take rays that are not guided")),
     ("rr-start-flux", Changes(&["--rr-start-flux=0.99"])),
     ("reflect-prob", Changes(&["--reflect-prob=0.5"])),
     ("split-depth", Refused(&["--split-depth=1"], "split rays")),

@@ -120,6 +120,9 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
     if options.pop("proof", False):
         raise UsageError("proof: the result of a cluster is in memory, without the sums that a proof stands beside; trace parts "
                          "by `nsq-gpu trace --first-ray N --proof -o DIR`, and add them up by `nsq-gpu merge`")
+    if options.pop("guide", False):
+        raise UsageError("guide: parts share what one pilot learned; learn it by `nsq-gpu trace --guide --guide-to FILE`, and "
+                         "give guide_from=FILE, a place that every worker can read")
     deadline = _Deadline(timeout)
     target = None if target_error is None else _fraction(target_error)
     exported = export(scene)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import inspect
 import os
 import tempfile
 import time
@@ -18,7 +17,6 @@ from optiland.nonsequential.ir.scene_ir import SamplingPolicy
 from optiland.optic import Optic
 
 from nsq_gpu.arguments import near, wrong_kind
-from nsq_gpu.backend import NsqGpuBackend
 from nsq_gpu.binary import find_binary
 from nsq_gpu.convert import from_optic
 from nsq_gpu.convert.fields import field_unit, sources_of
@@ -79,7 +77,7 @@ def ghosts(optic_or_scene: Optic | NSQScene | Mapping[str, Any] | str | os.PathL
             of the image has two.
         split_depth: Rays of fewer events follow both branches at each face. None takes 12, unless rays are guided, or the
             scene has a sampling policy of its own.
-        guide: True guides rays towards ghosts, where the program can, and neither ``split_depth`` nor the scene says how
+        guide: True guides rays towards ghosts, where neither ``split_depth`` nor the scene says how
             it is sampled.
         max_depth: Largest number of events of a ray. None takes 4 for each face that refracts, but at least 16.
         precision: As that of :class:`nsq_gpu.NsqGpuBackend`.
@@ -120,7 +118,7 @@ def ghosts(optic_or_scene: Optic | NSQScene | Mapping[str, Any] | str | os.PathL
 def _arguments(options: Mapping[str, Any], guide: bool, scene: NSQScene) -> list[str]:
     """Return options of the command. Where nothing says how the scene is sampled, rays are guided, or else split."""
     is_free = options["split-depth"] is None and getattr(scene, "sampling_policy", None) in (None, SamplingPolicy())
-    is_guided = is_free and guide and _can_guide()
+    is_guided = is_free and guide
     named = {**options, "split-depth": _SPLITS} if is_free and not is_guided else options
     return [*(f"--{key}={value}" for key, value in named.items() if value is not None), *["--guide"] * is_guided]
 
@@ -146,11 +144,6 @@ def _trace_all(found: Ghosts, fields: Sequence[Field], trace: Callable[[Field, f
 
 def _partial(found: Ghosts) -> Ghosts | None:
     return dataclasses.replace(found, partial=True) if found.fields else None
-
-
-def _can_guide() -> bool:
-    """Tell whether the program guides rays."""
-    return "guide" in inspect.signature(NsqGpuBackend).parameters
 
 
 def _checked(top: Any, group: Any, sort: Any, min_reflections: Any) -> int:

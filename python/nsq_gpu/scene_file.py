@@ -220,7 +220,11 @@ def scene_from_dict(document: Json, folder: Path | None = None) -> NSQScene:
     for spec in document.get("detectors", []):
         extra = block.get("detectors", {}).get(spec["name"], {})
         scene.add_detector(spec["name"], _frame(spec["cs"]), _detector_config(spec, extra))
-    scene.sampling_policy = SamplingPolicy(**block.get("sampling") or {})
+    sampling = dict(block.get("sampling") or {})
+    if "guide" in sampling:
+        # Optiland's policy has no place for it.
+        scene.guided_light = sampling.pop("guide")
+    scene.sampling_policy = SamplingPolicy(**sampling)
     if block.get("elements"):
         scene.elements = block["elements"]
     return scene

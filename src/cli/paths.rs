@@ -5,8 +5,7 @@ use crate::cli::device_args::DeviceArgs;
 use crate::cli::pictures::PictureArgs;
 use crate::cli::progress::{self, Mode};
 use crate::cli::stops::stop_on_interrupt;
-use crate::cli::trace_args::write_guide;
-use crate::cli::trace_args::{SamplerArg, StandardErrorArg, TraceArgs};
+use crate::cli::trace_args::{GuideArg, SamplerArg, StandardErrorArg, TraceArgs, write_guide};
 use crate::count;
 use crate::error::{Error, Result};
 use crate::format::pretty_json;
@@ -106,6 +105,7 @@ impl Args {
             },
             detector: self.detector.as_ref().map(number).transpose()?,
             num_maps: self.maps.min(1 << 16) as usize,
+            is_guided: false,
         })
     }
 }
@@ -125,7 +125,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
             "{option} with --sampler sobol needs scrambles of the points, for which paths have no maps; leave one of them out"
         )));
     }
-    let listing = args.table_options(&ir)?;
+    let mut listing = args.table_options(&ir)?;
     let pictures = args.pictures.style(&ir)?;
     if let Some(dir) = &args.output {
         let names = ir.detectors.iter().map(|detector| detector.name.clone());
@@ -144,7 +144,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         // Rows have errors of their own.
         options.standard_error = if has_errors.is_some() { StandardError::On } else { StandardError::Off };
     });
-    if args.trace.guide {
+    if args.trace.guide == GuideArg::On {
         let filter = run.filter();
         let top = args.top.clamp(1, 1 << 20) as usize;
         run = run.guide(Wanted { detector: listing.detector, filter, group: listing.group, top });
@@ -154,6 +154,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     let outcome = run.go_with(move |pass| Ok(shown(&pass.status)))?;
     let Outcome { mut result, tally, options, found_paths, .. } = outcome;
     write_guide(guide_file, &options)?;
+    listing.is_guided = options.guide.is_some();
     let found = found_paths.iter().map(|(path, at)| (path, *at)).collect();
     let traced =
         table_with_maps(&gpu, &ir, &options, &tally, &found, &listing, || !stop.load(Ordering::Relaxed))?;

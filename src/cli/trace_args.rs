@@ -83,9 +83,11 @@ pub(crate) struct TraceArgs {
     #[arg(long = "where", value_name = "EXPR")]
     pub(crate) filter: Option<String>,
     /// Guide rays to rare light, such as the ghosts of coated lenses: that of --where, of --detector, or else of all
-    /// detectors. A pilot learns how. Weights make up for it, so all sums stay right on average.
-    #[arg(long, conflicts_with = "guide_from")]
-    pub(crate) guide: bool,
+    /// detectors. A pilot learns how. Weights make up for it, so all sums stay right on average. By default a ray then has
+    /// twice as many events.
+    #[arg(long, value_enum, default_value_t = GuideArg::Off, default_missing_value = "on", num_args = 0..=1, require_equals = true,
+        value_name = "WHEN", conflicts_with = "guide_from")]
+    pub(crate) guide: GuideArg,
     /// Guide rays by this file, which --guide-to wrote: for the parts of a trace, or for two scenes that are compared.
     #[arg(long, value_name = "FILE")]
     pub(crate) guide_from: Option<PathBuf>,
@@ -115,6 +117,15 @@ pub enum PrecisionArg {
     Df64,
     /// 64-bit floats.
     F64,
+}
+
+/// The `--guide` argument.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum GuideArg {
+    /// A pilot learns a guide.
+    On,
+    /// Rays choose their branches as light does.
+    Off,
 }
 
 /// The `--paths` argument.
@@ -195,7 +206,7 @@ impl TraceArgs {
         let mut run = run.options(options).precision(wanted(self.precision));
         if let Some(path) = &self.guide_from {
             run = run.guide_by(Arc::new(Guide::read(path)?));
-        } else if self.guide {
+        } else if self.guide == GuideArg::On {
             run = run.guide(guided_to);
         }
         if let Some(max_depth) = self.max_depth {

@@ -76,6 +76,12 @@ impl Guide {
         Guide { nsq_gpu_guide: FORMAT, faces: faces(ir), sources: sources(ir), words }
     }
 
+    /// A guide that leaves each choice to the faces. With a filter, rays still follow the one branch that can match.
+    pub fn plain(ir: &SceneIr) -> Self {
+        let num_nodes = 1 + ir.sources.len();
+        Guide::new(ir, (0..num_nodes * ir.surfaces.len()).map(|_| PLAIN))
+    }
+
     /// The words that the device reads.
     pub fn words(&self) -> &[u32] {
         &self.words

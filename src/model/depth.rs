@@ -11,9 +11,19 @@ pub const LIMIT: u32 = 1 << 20;
 /// The largest number of events of a ray that commands take for a scene, where none is given. A ray may go through every
 /// surface, and through half of them forth and back, before it comes to a detector.
 pub fn of_scene(ir: &SceneIr) -> u32 {
+    passing_all(ir, 2)
+}
+
+/// The same where rays are guided to ghosts: a ray that the last face reflects, and then the first, passes all faces three
+/// times, and some go back once more.
+pub fn of_ghosts(ir: &SceneIr) -> u32 {
+    passing_all(ir, 4)
+}
+
+/// The events of a ray that passes all surfaces so many times.
+fn passing_all(ir: &SceneIr, times: usize) -> u32 {
     let go_on = ir.surfaces.iter().filter(|surface| surface.interaction != Interaction::Absorbing);
-    let twice = u32::try_from(2 * go_on.count()).unwrap_or(LIMIT);
-    twice.clamp(OPTILANDS, LIMIT)
+    u32::try_from(times * go_on.count()).unwrap_or(LIMIT).clamp(OPTILANDS, LIMIT)
 }
 
 /// The number to give if the depth limit takes light: what the scene needs, or twice what was given.

@@ -32,6 +32,8 @@ pub struct TableOptions {
     pub detector: Option<usize>,
     /// So many rows, from the first on, have a map, and with it a peak.
     pub num_maps: usize,
+    /// Rays were guided: rows have what that was worth.
+    pub is_guided: bool,
 }
 
 /// The map of a row's light on its detector.
@@ -107,9 +109,14 @@ fn listed<'a>(
     let is_listed = |group: &Group| {
         options.detector.is_none_or(|detector| group.sequences[0].end.detector() == Some(detector))
     };
+    let launched = unit.watts(tally.launched.quanta);
+    let row = |rank, row: LightPath| {
+        let row = LightPath { rank, ..row };
+        if options.is_guided { row.with_worth(launched) } else { row }
+    };
     (1..)
         .zip(all.into_iter().filter(is_listed))
-        .map(|(rank, group)| Group { row: LightPath { rank, ..group.row }, ..group })
+        .map(|(rank, group)| Group { row: row(rank, group.row), ..group })
         .collect()
 }
 

@@ -51,6 +51,9 @@ pub struct LightPath {
     pub few_rays: Option<FewRays>,
     /// Rays that brought the light.
     pub num_rays: u64,
+    /// Where rays were guided: so many plain rays would bring the same relative error, if chance gave them all alike.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub plain_rays: Option<f64>,
     /// Specular reflections along the path.
     pub reflections: u32,
     /// Scatterings along the path.
@@ -198,6 +201,7 @@ pub fn groups<'a>(
                 few_rays: few_rays
                     .map(|few| if absorbs(first.end) { few.at_most(launched_flux) } else { few }),
                 num_rays: sum.count,
+                plain_rays: None,
                 reflections: first.reflections() as u32,
                 scatterings: first.scatterings() as u32,
                 detector: first.end.detector().map(|number| ir.detectors[number].name.clone()),
@@ -295,6 +299,14 @@ fn described(ir: &SceneIr, common: &Common, first: &Sequence) -> (String, Vec<[S
 }
 
 impl LightPath {
+    /// The same with what guided rays were worth, of a trace that launched this flux \[W\]. Of plain rays a share F / launched brings
+    /// the row's flux F, with the relative variance launched / F over their number.
+    #[must_use]
+    pub fn with_worth(self, launched: f64) -> Self {
+        let worth = |error: f64| (error > 0.0).then(|| launched * self.flux / (error * error));
+        LightPath { plain_rays: self.standard_error.and_then(worth), ..self }
+    }
+
     /// A title for pictures: the path, and of a long one what it did beside passing through faces.
     pub fn title(&self) -> String {
         const MOST_LETTERS: usize = 64;

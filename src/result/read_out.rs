@@ -81,7 +81,12 @@ fn path_table(ir: &SceneIr, run: &RunInfo, tally: &Tally, unit: FluxUnit) -> Opt
     let grouping = Grouping::Sequence;
     // The errors of Sobol's points are not those of independent draws.
     let groups = light_paths::groups(ir, tally, sums, unit, grouping, run.sampler == "pcg");
-    Some(PathTable::new(ir, sums, unit, grouping, None, groups.into_iter().map(|group| group.row)))
+    let launched = unit.watts(tally.launched.quanta);
+    let rows = groups.into_iter().map(|group| match run.guide {
+        Some(_) => group.row.with_worth(launched),
+        None => group.row,
+    });
+    Some(PathTable::new(ir, sums, unit, grouping, None, rows))
 }
 
 /// Starts at 0, since the empty sum of floats is -0.

@@ -161,8 +161,12 @@ impl PathTable {
         let shown_rows = &self.paths[..top.min(self.paths.len())];
         let has_places = shown_rows.iter().any(|row| row.rms_radius.is_some());
         let has_peaks = shown_rows.iter().any(|row| row.peak_irradiance.is_some());
+        let has_worth = shown_rows.iter().any(|row| row.plain_rays.is_some());
         let mut text =
             format!("{:<6}{:>12}{:>12}{:>12}{:>14}", "path", "W", "std. error", "% of end", "rays");
+        if has_worth {
+            let _ = write!(text, "{:>12}", "plain rays");
+        }
         if has_places {
             let _ = write!(text, "{:>12}{:>12}{:>12}", "x mm", "y mm", "rms mm");
         }
@@ -181,6 +185,10 @@ impl PathTable {
                 significant(100.0 * row.share, 4),
                 thousands(row.num_rays),
             );
+            if has_worth {
+                let worth = row.plain_rays.map_or("-".into(), |rays| format!("{rays:.1e}"));
+                let _ = write!(text, "{worth:>12}");
+            }
             if has_places {
                 let of_axis = |axis: usize| known(row.centroid.map(|centroid| centroid[axis]), 4);
                 let _ = write!(text, "{:>12}{:>12}{:>12}", of_axis(0), of_axis(1), known(row.rms_radius, 4));

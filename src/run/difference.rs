@@ -65,8 +65,8 @@ impl Run<'_> {
     ) -> Result<SceneDifference> {
         let run = Run { max_depth: self.max_depth.or_else(|| pair.depth()), ..self };
         let (gpu, wanted) = (run.device()?, run.precision);
-        let Settled { options, info } =
-            run.settle_by(&gpu, |options| pair.choose_precision(&gpu, options, wanted))?;
+        let settled = run.settle_by(&gpu, |options| pair.choose_precision(&gpu, options, wanted))?;
+        let Settled { options, info } = run.guided(&gpu, settled, None)?;
         let num_rays = options.num_rays;
         let start = Instant::now();
         let found = pair.difference(&gpu, &options, |[a, b]| {

@@ -63,7 +63,7 @@ impl Run<'_> {
         mut next: impl FnMut(&Status) -> Next,
     ) -> Result<Differentiation<'d>> {
         let gpu = self.device()?;
-        let Settled { options, info } = self.settle(&gpu)?;
+        let Settled { options, info } = self.settle_unguided(&gpu)?;
         let how = How { cache: self.cache, without_errors, with_edges, ..How::default() };
         let of_edges = if with_edges { 2 * scene.num_parameters() } else { 0 };
         let num_rays = (scene.num_passes() + of_edges) * options.num_rays;
@@ -113,7 +113,7 @@ impl Run<'_> {
         mut next: impl FnMut(&Status) -> Next,
     ) -> Result<LossDerivatives> {
         let gpu = self.device()?;
-        let options = self.settle(&gpu)?.options;
+        let options = self.settle_unguided(&gpu)?.options;
         let how = How { cache: self.cache, with_edges, ..How::default() };
         let of_edges = if with_edges { 2 * scene.num_parameters() } else { 0 };
         let num_rays = options.num_rays * (1 + of_edges);

@@ -10,6 +10,7 @@ use crate::result::GuideInfo;
 use crate::run::additions::ForAdapter;
 use crate::run::go::Settled;
 use crate::run::{Collect, RecordPaths, Run, StandardError, TraceOptions, Tracer};
+use crate::scene::GuidedLight;
 use std::sync::Arc;
 
 /// How the rays of a run are guided.
@@ -43,7 +44,12 @@ impl<'a> Run<'a> {
     /// The settings with their guide, if rays are guided. A trace that goes on is guided as it began.
     pub(crate) fn guided(&self, gpu: &Gpu, settled: Settled, begun: Option<&Guide>) -> Result<Settled> {
         let Settled { options, mut info } = settled;
-        let (guide, learned) = match (begun, &self.guiding) {
+        let of_scene =
+            self.guiding.is_none().then(|| self.scene.guided_light(&self.model)).transpose()?.flatten();
+        let of_scene = of_scene.map(|GuidedLight { detector, filter }| {
+            Guiding::Learned(Wanted { detector, filter: filter.map(Arc::new), ..Wanted::default() })
+        });
+        let (guide, learned) = match (begun, self.guiding.as_ref().or(of_scene.as_ref())) {
             (None, None) => return Ok(Settled { options, info }),
             (Some(guide), _) => (Arc::new(guide.clone()), None),
             (None, Some(Guiding::Given(guide))) => (guide.clone(), None),
@@ -67,10 +73,20 @@ impl<'a> Run<'a> {
         Ok(Settled { options: TraceOptions { guide: Some(guide), ..options }, info })
     }
 
+    /// What a run traces with that takes no guide.
+    pub(crate) fn settle_unguided(&self, gpu: &Gpu) -> Result<Settled> {
+        match self.guiding {
+            None => self.settle(gpu),
+            Some(_) => Err(Error::Usage(
+                "derivatives take rays that are not guided; leave out --guide and --guide-from".into(),
+            )),
+        }
+    }
+
     fn learn(&self, gpu: &Gpu, options: &TraceOptions, wanted: &Wanted) -> Result<guide::learn::Learned> {
         // One shader serves all rounds.
-        let cache = PipelineCache::new();
-        let shaders = Shaders { cache: Some(&cache), edit: None };
+        let own = PipelineCache::new();
+        let shaders = Shaders { cache: Some(self.cache.unwrap_or(&own)), edit: None };
         learn(&self.model, wanted, options.num_rays, |guide, num_rays, round| {
             let options = TraceOptions {
                 num_rays,

@@ -403,11 +403,29 @@ pub struct SamplingPolicy {
     pub split_budget: f64,
     /// Russian roulette starts below this fraction of the mean flux of a new ray.
     pub rr_start_flux: f64,
+    /// To which light rays are guided, if they are.
+    pub guide: Option<GuidePolicy>,
+}
+
+/// To which light rays are guided.
+#[derive(Debug, Clone, Default, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct GuidePolicy {
+    /// The detector of that light; null: all detectors.
+    pub detector: Option<String>,
+    /// An expression that its paths match, as of `--where`; null: all paths. It keeps no light from a map.
+    pub r#where: Option<String>,
 }
 
 impl Default for SamplingPolicy {
     fn default() -> Self {
-        Self { reflect_prob: ReflectProb::Fresnel, split_depth: 0, split_budget: 4.0, rr_start_flux: 1e-3 }
+        Self {
+            reflect_prob: ReflectProb::Fresnel,
+            split_depth: 0,
+            split_budget: 4.0,
+            rr_start_flux: 1e-3,
+            guide: None,
+        }
     }
 }
 

@@ -2,23 +2,41 @@
 
 use std::collections::BTreeMap;
 
-use crate::model::{Allowance, MediumId, ReflectProb, Sampling, SceneIr, Source, Spectrum, Surface};
+use crate::format::shown;
+use crate::model::place::did_you_mean;
+use crate::model::{
+    Allowance, MediumId, PathFilter, ReflectProb, Sampling, SceneIr, Source, Spectrum, Surface,
+};
 use crate::scene::Scene;
 use crate::scene::detectors::lowered as lowered_detector;
 use crate::scene::frame::frame_of;
-use crate::scene::json::{self, Material};
+use crate::scene::json::{self, GuidePolicy, Material};
 use crate::{Error, Result};
 
+/// To which light a file guides rays.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GuidedLight {
+    /// The detector's number; all detectors if none.
+    pub detector: Option<usize>,
+    /// What its paths match; all if none.
+    pub filter: Option<PathFilter>,
+}
+
 impl Scene {
+    /// True if the file guides rays.
+    pub fn is_guided(&self) -> bool {
+        self.file.nsq_gpu.as_ref().is_some_and(|block| block.sampling.guide.is_some())
+    }
+
     /// The scene as the tracer sees it.
     ///
     /// # Errors
-    /// [`Error::Internal`] if the scene names something that reading it did not resolve.
+    /// [`Error::Scene`] if the file guides rays to light that it cannot have. [`Error::Internal`] if the scene names something that reading it did not resolve.
     pub fn lower(&self) -> Result<SceneIr> {
         let file = &self.file;
         let none = BTreeMap::new();
         let extras = file.nsq_gpu.as_ref().map_or(&none, |block| &block.detectors);
-        Ok(SceneIr {
+        let ir = SceneIr {
             wavelengths: self.wavelengths.clone(),
             media: self.media.media.clone(),
             surfaces: surfaces(self)?,
@@ -33,7 +51,43 @@ impl Scene {
                 &file.nsq_gpu.as_ref().map(|block| block.sampling.clone()).unwrap_or_default(),
             ),
             allowed: Allowance::default(),
-        })
+        };
+        self.guided_light(&ir)?;
+        Ok(ir)
+    }
+
+    /// To which light the file guides rays, if it does.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] with the place, if the light makes no sense in the scene.
+    pub fn guided_light(&self, ir: &SceneIr) -> Result<Option<GuidedLight>> {
+        let policy = self.file.nsq_gpu.as_ref().and_then(|block| block.sampling.guide.as_ref());
+        let Some(GuidePolicy { detector, r#where }) = policy else { return Ok(None) };
+        let refused = |key: &str, problem: String, remedy: String| Error::Scene {
+            place: format!("nsq_gpu.sampling.guide.{key}"),
+            problem,
+            remedy,
+        };
+        let number = |name: &String| {
+            let names = || ir.detectors.iter().map(|detector| detector.name.as_str());
+            let place = names().position(|known| known == name);
+            place.ok_or_else(|| {
+                let all: Vec<&str> = names().collect();
+                refused(
+                    "detector",
+                    format!("`{}` is no detector of the scene", shown(name)),
+                    did_you_mean(name, all),
+                )
+            })
+        };
+        let filter = |text: &String| {
+            let advice = || "write it as in --where, such as \"reflections == 2\"".into();
+            PathFilter::parse(text, ir).map_err(|error| refused("where", error.to_string(), advice()))
+        };
+        Ok(Some(GuidedLight {
+            detector: detector.as_ref().map(number).transpose()?,
+            filter: r#where.as_ref().map(filter).transpose()?,
+        }))
     }
 }
 

@@ -40,6 +40,7 @@ use crate::format::path_text;
 use crate::model::place::{quoted, ticked};
 use crate::model::{Mesh, Precision, whole_files};
 use crate::scene::json::SceneFile;
+pub use crate::scene::lower::GuidedLight;
 pub(crate) use crate::scene::media::MediaTable;
 pub(crate) use crate::scene::surfaces::SceneSurface;
 use crate::{Error, Result};

@@ -153,7 +153,13 @@ pub struct Listing {
 
 /// Lists a detector's light by its path, without maps: nothing is traced.
 pub(crate) fn list(followed: &Arc<Followed>, detector: usize, group: Grouping) -> Listing {
-    let options = TableOptions { group, sort: Sorting::Flux, detector: Some(detector), num_maps: 0 };
+    let options = TableOptions {
+        group,
+        sort: Sorting::Flux,
+        detector: Some(detector),
+        num_maps: 0,
+        ..TableOptions::default()
+    };
     let Followed { scene, options: traced, tally, .. } = followed.as_ref();
     let table = rows::table(&scene.ir, tally, followed.unit(), traced.sampler, &options);
     Listing { followed: followed.clone(), detector, table, maps: Vec::new() }
@@ -170,7 +176,13 @@ pub(crate) fn list_with_maps(
     let (gpu, ir) = (device.open()?, &followed.scene.ir);
     let num_cells = ir.detectors.get(detector).map_or(0, |detector| detector.num_cells());
     let num_maps = MOST_CELLS.checked_div(num_cells).map_or(0, |maps| maps.clamp(1, MOST_MAPS));
-    let options = TableOptions { group, sort: Sorting::Flux, detector: Some(detector), num_maps };
+    let options = TableOptions {
+        group,
+        sort: Sorting::Flux,
+        detector: Some(detector),
+        num_maps,
+        ..TableOptions::default()
+    };
     let found = followed.found.iter().map(|(sequence, at)| (sequence, *at)).collect();
     let traced = table_with_maps(&gpu, ir, &followed.options, &followed.tally, &found, &options, || {
         !watch.is_stopped()

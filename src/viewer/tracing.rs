@@ -14,6 +14,7 @@
 
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu};
+use crate::guide::{self, Guide};
 use crate::model::{PathFilter, SceneIr};
 use crate::program::Precision;
 use crate::result::{PathColumns, TraceResult};
@@ -263,6 +264,10 @@ pub(super) fn run<'a>(scene: &'a LoadedScene, options: &RunOptions, gpu: &'a Gpu
         .precision(options.precision.map_or(WantedPrecision::Auto, WantedPrecision::Exactly))
         .pass_time(PASS_TIME);
     run.predicts_first = true;
+    if options.filter.is_some() && guide::check(&scene.ir, &TraceOptions::default()).is_ok() {
+        // The user asks for some light alone, such as a ghost: every ray follows it as far as it can.
+        run = run.guide_by(Arc::new(Guide::plain(&scene.ir)));
+    }
     if let Some(limit) = options.time_limit {
         run = run.time_limit(limit);
     }

@@ -79,7 +79,7 @@ def export(scene: NSQScene) -> ExportedScene:
         "order": parts.order if parts.order_needed() else None,
         "elements": elements(scene, {*parts.order, *(item["name"] for item in (*source_list, *detector_list))}),
         "detectors": extras,
-        "sampling": sampling(getattr(scene, "sampling_policy", None)),
+        "sampling": sampling(getattr(scene, "sampling_policy", None), getattr(scene, "guided_light", None)),
     }
     document: Json = {
         "nsq_schema_version": SCHEMA_VERSION,
@@ -164,10 +164,11 @@ def elements(scene: NSQScene, known: set[str]) -> list[Json]:
     return found
 
 
-def sampling(policy: Any) -> Json | None:
-    """Return a sampling policy, unless it is the default."""
+def sampling(policy: Any, guide: Json | None = None) -> Json | None:
+    """Return a sampling policy with the light to which rays are guided, unless it is the default."""
+    guided = {} if guide is None else {"guide": guide}
     if policy is None or policy == SamplingPolicy():
-        return None
+        return guided or None
     if type(policy) is not SamplingPolicy:
         raise refuse_type("scene.sampling_policy", "it", policy, "a SamplingPolicy")
     place = "sampling_policy"
@@ -177,4 +178,5 @@ def sampling(policy: Any) -> Json | None:
         "split_depth": int(policy.split_depth),
         "split_budget": number(policy.split_budget, f"{place}.split_budget"),
         "rr_start_flux": number(policy.rr_start_flux, f"{place}.rr_start_flux"),
+        **guided,
     }
