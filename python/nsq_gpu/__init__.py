@@ -90,7 +90,7 @@ from nsq_gpu.ghost_table import Ghosts
 from nsq_gpu.ghosting import ghosts
 from nsq_gpu.gradients import Jacobian, jacobian, loss_gradient
 from nsq_gpu.loading import load_scene
-from nsq_gpu.paths import PathTable
+from nsq_gpu.paths import CoatingTable, PathTable
 from nsq_gpu.results import Result
 from nsq_gpu.session import Session
 from nsq_gpu.storing import load
@@ -102,6 +102,7 @@ _register()
 __all__ = [
     "AdapterError",
     "BinaryNotFoundError",
+    "CoatingTable",
     "DeviceError",
     "Difference",
     "Ghosts",

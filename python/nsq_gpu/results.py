@@ -265,7 +265,7 @@ def result_of(report: Json, arrays: dict[str | None, dict[str, np.ndarray]], det
         _add_errors(detector, report["detectors"][name], arrays[name])
     result = Result(**{key: report[key] for key in _SAME}, detectors=detectors, ray_paths=ray_paths, diagnostics=diagnostics)
     rows = report.get("paths")
-    result.paths = None if rows is None else path_table(rows)
+    result.paths = None if rows is None else path_table(rows, text, report.get("recoated", ()))
     result.few_rays = {name: found for name, spec in report["detectors"].items() if (found := few_rays(spec))}
     result.partial = partial
     result.report_json, result.arrays, result.scene_json = report, arrays, text

@@ -13,12 +13,13 @@ import threading
 import time
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 from optiland.nonsequential import NSQScene
 
-from nsq_gpu.arguments import check_mapping, of_names
+from nsq_gpu.arguments import check_mapping, check_scene, of_names
 from nsq_gpu.binary import find_binary
 from nsq_gpu.errors import Interrupted, NsqGpuError, SceneError, TraceTimeoutError, UsageError, error_of, with_partial
 from nsq_gpu.export import export, to_json
@@ -251,6 +252,18 @@ class Session:
         # JSON has no infinite number: the radius of a flat face.
         return {name: float("inf") if value is None else value for name, value in zip(names, values, strict=True)}
 
+    def recoat(self, scene: str | Json, rows: Sequence[Json], coatings: Sequence[Json] = (), *, rank: bool = False,
+               folder: str | None = None) -> Json:
+        """Ask what other coatings do to rows of a table of paths; ``nsq-gpu serve`` says what rows and coatings have.
+
+        Returns the answer's header: ``factors`` of the rows, ``recoated``, ``warnings``, and with ``rank`` the ``coatings``.
+
+        Raises:
+            UsageError: The rows do not say what such coatings would do.
+        """
+        header = {"request": "recoat", "scene": scene, "rows": list(rows), "coatings": list(coatings), "rank": rank}
+        return self._ask(header if folder is None else header | {"folder": folder}, None, None)[0]
+
     def request(self, scene: str | Json, options: Mapping[str, Any], *, timeout: float | None = None,
                 progress: Callable[[Json], None] | None = None, name: str | None = None,
                 numbers: Mapping[str, float] | None = None, gradient: Sequence[str] = (),
@@ -344,6 +357,19 @@ def shared_session(binary: str, adapter: str | None) -> Session:
         if key not in _shared:
             _shared[key] = Session(adapter=adapter, binary=binary)
         return _shared[key]
+
+
+def asked_of_paths(scene: NSQScene | str | os.PathLike[str], *, is_text: bool, **asked: Any) -> Json:
+    """Ask this process's session of other coatings, for rows of a scene: a live one, its file, or its text."""
+    session, folder = shared_session(find_binary(None), None), None
+    if not is_text:
+        check_scene(scene, or_path=True)
+        if isinstance(scene, NSQScene):
+            scene = to_json(export(scene).document, indent=None)
+        else:
+            path = Path(scene)
+            scene, folder = path.read_text(encoding="utf-8"), str(path.parent.absolute())
+    return session.recoat(str(scene), asked["rows"], asked["coatings"], rank=asked["rank"], folder=folder)
 
 
 def _end_all(children: list[_Child]) -> None:

@@ -12,8 +12,12 @@ use crate::format::pretty_json;
 use crate::guide::learn::Wanted;
 use crate::model::SceneIr;
 use crate::paths::rows::{PathMap, TableOptions, detector_of, flux_unit, table_with_maps};
+use crate::paths::what_if;
 use crate::result::output::Extras;
-use crate::result::{Detector, FluxUnit, Grouping, LightPath, PathTable, Sorting, StoppedBy, Tally, output};
+use crate::result::{
+    Detector, FluxUnit, Grouping, LightPath, NewCoating, PathTable, Recoating, Sorting, StoppedBy, Tally,
+    coating_rank, output,
+};
 use crate::run::{Collect, Outcome, Run, StandardError};
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
@@ -43,6 +47,15 @@ pub struct Args {
     /// So many rows, those of most flux, have a map and with it a peak irradiance.
     #[arg(long, value_parser = count::parse, default_value = "50", value_name = "N")]
     maps: u64,
+    /// Say what another coating would do, without another trace: the rows with R and T of this face in the place of its own.
+    /// Without T the face absorbs as before, and T = 1 - R - A. May be given for several faces. A coating has to be there,
+    /// the same at every angle and wavelength. Maps are not changed.
+    #[arg(long, value_name = "FACE=R[,T]", value_parser = parse_recoat)]
+    recoat: Vec<NewCoating>,
+    /// Also list the faces whose coatings matter most: dF/dR, by how much the flux F of all ghosts changes with the
+    /// reflectance R of each face. Ghosts are paths of at least two reflections to the listed detector, or to any.
+    #[arg(long)]
+    rank_coatings: bool,
     #[command(flatten)]
     device: DeviceArgs,
     /// Print JSON instead of a table.
@@ -80,6 +93,10 @@ enum SortArg {
     Peak,
 }
 
+fn parse_recoat(text: &str) -> std::result::Result<NewCoating, String> {
+    text.parse().map_err(|error: Error| error.to_string())
+}
+
 /// Rows that have files of their own where a result is written.
 const MOST_WRITTEN: usize = 50;
 
@@ -106,6 +123,7 @@ impl Args {
             detector: self.detector.as_ref().map(number).transpose()?,
             num_maps: self.maps.min(1 << 16) as usize,
             is_guided: false,
+            recoating: Recoating::new(ir, &self.recoat)?,
         })
     }
 }
@@ -127,9 +145,11 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     }
     let mut listing = args.table_options(&ir)?;
     let pictures = args.pictures.style(&ir)?;
+    // A map has the coatings of the trace.
+    let num_written = if listing.recoating.is_empty() { MOST_WRITTEN } else { 0 };
     if let Some(dir) = &args.output {
         let names = ir.detectors.iter().map(|detector| detector.name.clone());
-        let rows = (1..=listing.num_maps.min(MOST_WRITTEN)).map(|rank| format!("path_{rank}"));
+        let rows = (1..=listing.num_maps.min(num_written)).map(|rank| format!("path_{rank}"));
         let names: Vec<String> = names.chain(rows).collect();
         let names = names.iter().map(String::as_str);
         output::check(dir, &output::file_names(names, pictures.is_some(), false, true, false))?;
@@ -156,8 +176,13 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     write_guide(guide_file, &options)?;
     listing.is_guided = options.guide.is_some();
     let found = found_paths.iter().map(|(path, at)| (path, *at)).collect();
-    let traced =
+    let coating_warnings = what_if::check_recoating(&ir, &options, &tally, &listing)?;
+    let mut traced =
         table_with_maps(&gpu, &ir, &options, &tally, &found, &listing, || !stop.load(Ordering::Relaxed))?;
+    traced.table.coating_warnings = coating_warnings;
+    if args.rank_coatings {
+        what_if::rank_coatings(&ir, &options, &tally, &listing, &mut traced);
+    }
     if !traced.is_whole {
         say("the second trace was interrupted: there are no centroids and no peaks");
     }
@@ -165,7 +190,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     let mut failure = is_stopped.then_some(Error::Interrupted);
     if let Some(dir) = &args.output {
         let unit = flux_unit(&ir, &tally, result.run.num_rays);
-        let rows = traced.table.paths.iter().zip(&traced.maps).take(MOST_WRITTEN);
+        let rows = traced.table.paths.iter().zip(&traced.maps).take(num_written);
         let mut written = result.clone();
         written.paths = Some(traced.table.clone());
         written.detectors.extend(path_detectors(&ir, &tally, unit, rows)?);
@@ -187,7 +212,10 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         }
         false => {
             result.paths = None;
-            result.header() + "\n" + &traced.table.text(top) + "\n" + &result.warning_list()
+            result.diagnostics.warnings.extend(traced.table.coating_warnings.iter().cloned());
+            let ranks = traced.table.coatings.as_deref();
+            let ranks = ranks.map_or(String::new(), |ranks| format!("\n{}", coating_rank::text(ranks)));
+            result.header() + "\n" + &traced.table.text(top) + &ranks + "\n" + &result.warning_list()
         }
     };
     ended(printed, failure)

@@ -9,7 +9,7 @@ use crate::guide::table::{Choice, Guide, NO_NODE, PLAIN, PLAIN_SHARE, fits};
 use crate::model::sequence::{Sequence, Step, StepKind};
 use crate::model::{Interaction, PathFilter, SceneIr};
 use crate::result::light_paths::groups;
-use crate::result::{FluxUnit, Grouping, PathSum, PathTally, QUANTA_PER_WEIGHT, Tally};
+use crate::result::{FluxUnit, Grouping, PathSum, PathTally, QUANTA_PER_WEIGHT, Recoating, Tally};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -136,7 +136,7 @@ fn rows<'a>(
             && (wanted.detector.is_none() || wanted.detector == detector)
             && wanted.filter.as_ref().is_none_or(|filter| filter.keeps(sequence))
     };
-    let rows = groups(ir, tally, sums, unit, wanted.group, false).into_iter().map(|group| {
+    let rows = groups(ir, tally, sums, unit, wanted.group, false, &Recoating::default()).into_iter().map(|group| {
         let members = group.sequences.into_iter().filter(|sequence| is_wanted(sequence));
         members.map(|sequence| (sequence, sums.rows[sequence])).collect::<Vec<_>>()
     });

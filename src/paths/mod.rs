@@ -16,3 +16,4 @@ pub mod sums;
 mod table;
 pub(crate) mod totals;
 mod wgsl;
+pub mod what_if;

@@ -9,8 +9,8 @@ use crate::program::Sampler;
 use crate::result::detectors::bins::pixel_area;
 use crate::result::light_paths::{Group, Places, groups};
 use crate::result::{
-    Detector, DetectorTally, FluxSum, FluxUnit, Grouping, LightPath, PathSum, PathTable, PathTally, Sorting,
-    Tally,
+    Detector, DetectorTally, FluxSum, FluxUnit, Grouping, LightPath, PathSum, PathTable, PathTally,
+    Recoating, Sorting, Tally,
 };
 use glam::DVec3;
 use std::collections::HashMap;
@@ -34,6 +34,8 @@ pub struct TableOptions {
     pub num_maps: usize,
     /// Rays were guided: rows have what that was worth.
     pub is_guided: bool,
+    /// Coatings of faces that the rows have in the place of those of the trace.
+    pub recoating: Recoating,
 }
 
 /// The map of a row's light on its detector.
@@ -74,7 +76,7 @@ pub fn table(
     let Some(sums) = &tally.path_sums else { return PathTable::default() };
     let groups = listed(ir, tally, sums, unit, sampler, options);
     let rows = groups.into_iter().map(|group| group.row);
-    PathTable::new(ir, sums, unit, options.group, options.detector, rows)
+    PathTable::new(ir, sums, unit, options.group, options.detector, rows, &options.recoating)
 }
 
 /// The map of a row as the result of a detector of this name.
@@ -97,7 +99,7 @@ pub fn detector_of(
 }
 
 /// The rows that are listed: those of one detector, or all.
-fn listed<'a>(
+pub(crate) fn listed<'a>(
     ir: &SceneIr,
     tally: &Tally,
     sums: &'a PathTally,
@@ -105,14 +107,15 @@ fn listed<'a>(
     sampler: Sampler,
     options: &TableOptions,
 ) -> Vec<Group<'a>> {
-    let all = groups(ir, tally, sums, unit, options.group, sampler == Sampler::Pcg);
+    let has_errors = sampler == Sampler::Pcg;
+    let all = groups(ir, tally, sums, unit, options.group, has_errors, &options.recoating);
     let is_listed = |group: &Group| {
         options.detector.is_none_or(|detector| group.sequences[0].end.detector() == Some(detector))
     };
     let launched = unit.watts(tally.launched.quanta);
     let row = |rank, row: LightPath| {
         let row = LightPath { rank, ..row };
-        if options.is_guided { row.with_worth(launched) } else { row }
+        if options.is_guided && options.recoating.is_empty() { row.with_worth(launched) } else { row }
     };
     (1..)
         .zip(all.into_iter().filter(is_listed))
@@ -182,7 +185,8 @@ pub fn table_with_maps(
             let detector = group.sequences[0].end.detector();
             let detector = detector.filter(|number| ir.detectors[*number].num_cells() > 0);
             let map = detector.map(|number| map_of(ir, &second, number, map));
-            peaks.push(map.as_ref().and_then(|map| peak_irradiance(ir, map, unit)));
+            let peak = map.as_ref().and_then(|map| peak_irradiance(ir, map, unit));
+            peaks.push(peak.zip(group.factor).map(|(peak, factor)| peak * factor));
             // Many large maps would take all memory.
             maps.push(map.filter(|_| maps.len() < MOST_KEPT_CELLS / num_cells));
         }
@@ -197,7 +201,8 @@ pub fn table_with_maps(
             .sequences
             .iter()
             .filter(has_places)
-            .filter_map(|sequence| Some((sums.rows[*sequence], *places.get(sequence)?)))
+            .filter_map(|sequence| Some((sums.rows[*sequence], *places.get(sequence)?, *sequence)))
+            .map(|(sum, places, sequence)| scaled(sum, places, options.recoating.factor(sequence)))
             .collect();
         if let Some((centroid, rms_radius)) = Places::spot(&parts) {
             (row.centroid, row.rms_radius) = (Some(centroid), Some(rms_radius));
@@ -214,8 +219,16 @@ pub fn table_with_maps(
         (1..).zip(&order).map(|(rank, &row)| LightPath { rank, ..rows[row].clone() }).collect();
     let maps = order.iter().map(|&row| maps.get_mut(row).and_then(Option::take)).collect();
     let sequences = order.iter().map(|&row| groups[row].sequences[0].clone()).collect();
-    let table = PathTable::new(ir, sums, unit, options.group, options.detector, sorted);
+    let table = PathTable::new(ir, sums, unit, options.group, options.detector, sorted, &options.recoating);
     Ok(Traced { table, maps, sequences, is_whole })
+}
+
+/// The sum of a sequence and its places, times a factor.
+fn scaled(sum: PathSum, places: Places, factor: f64) -> (PathSum, Places) {
+    if factor == 1.0 {
+        return (sum, places);
+    }
+    (PathSum { quanta: (sum.quanta as f64 * factor).round() as u128, ..sum }, places.scaled(factor))
 }
 
 /// A point where light of a sequence arrived, in the detector's frame \[mm\]; the origin where none is known.

@@ -5,7 +5,9 @@ use crate::model::path_filter::MOST_PARTS;
 use crate::model::sequence::{End, Sequence, Step, StepKind};
 use crate::model::surface_optics::splits;
 use crate::model::{Interaction, PathFilter, SceneIr};
-use crate::result::{FewRays, FluxUnit, PathSum, PathTally, QUANTA_PER_WEIGHT, Tally};
+use crate::result::{
+    CoatingRank, FewRays, FluxUnit, PathSum, PathTally, QUANTA_PER_WEIGHT, Recoated, Recoating, Tally,
+};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -104,6 +106,15 @@ pub struct PathTable {
     /// True if there were more sequences than the table may have rows.
     #[serde(default)]
     pub is_closed: bool,
+    /// Faces whose coatings are others than in the trace. The rows are those of the new coatings.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub recoated: Vec<Recoated>,
+    /// The faces that ghosts meet, by how much their coatings matter; missing unless asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub coatings: Option<Vec<CoatingRank>>,
+    /// What the user should know of new coatings, or of the coatings' rank.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub coating_warnings: Vec<String>,
 }
 
 /// Where the light of a sequence lies on its detector, about a point: sums of weight times x, y and their squares.
@@ -126,6 +137,17 @@ pub struct Group<'a> {
     pub row: LightPath,
     /// The sequences, ascending.
     pub sequences: Vec<&'a Sequence>,
+    /// What new coatings multiply the light of each sequence by; none where that is not one number for all of them.
+    pub factor: Option<f64>,
+}
+
+/// The light of a sequence, with the coatings that are asked for.
+#[derive(Debug, Clone, Copy)]
+struct Member<'a> {
+    sequence: &'a Sequence,
+    /// What was traced, times `factor` over the largest factor of the row.
+    sum: PathSum,
+    factor: f64,
 }
 
 /// Rows of a table up to which expressions are checked where names are not plain words: each is asked of all rows.
@@ -147,31 +169,31 @@ pub fn groups<'a>(
     unit: FluxUnit,
     grouping: Grouping,
     has_errors: bool,
+    recoating: &Recoating,
 ) -> Vec<Group<'a>> {
-    let mut groups: BTreeMap<Common, Vec<(&Sequence, &PathSum)>> = BTreeMap::new();
+    let mut groups: BTreeMap<Common, Vec<Member>> = BTreeMap::new();
     for (sequence, sum) in &sums.rows {
         let common = match grouping {
             Grouping::Sequence => Common::Sequence(sequence),
             Grouping::Faces => Common::Faces(sequence.end, turns(sequence)),
             Grouping::Order => Common::Order(sequence.end, sequence.reflections(), sequence.scatterings()),
         };
-        groups.entry(common).or_default().push((sequence, sum));
+        let member = Member { sequence, sum: *sum, factor: recoating.factor(sequence) };
+        groups.entry(common).or_default().push(member);
     }
     let launched = tally.rays.counts(ir.sources.len());
-    let totals = sums.totals();
-    // Only where rays are split or pass a detector can a ray come to one end by several sequences.
+    let totals = totals(sums, recoating);
     let splits = splits(ir);
-    let is_exclusive = |end: End| !splits && end.detector().is_none_or(|number| ir.detectors[number].absorb);
     // Both branches of a split may scatter to one side, and then are one sequence: a ray comes by it twice.
     let branches_scatter =
         splits && ir.surfaces.iter().any(|s| s.interaction == Interaction::Refractive && s.scatter.is_some());
     let is_plain = names_are_plain(ir);
     // Some names cannot be written in an expression, or stand for others as well, and some sequences are too long.
-    let keeps_alone = |text: &String, members: &[(&Sequence, &PathSum)]| {
+    let keeps_alone = |text: &String, members: &[Member]| {
         if is_plain {
             return text.split(" > ").count() <= MOST_PARTS;
         }
-        let is_member = |sequence: &Sequence| members.iter().any(|(member, _)| *member == sequence);
+        let is_member = |sequence: &Sequence| members.iter().any(|member| member.sequence == sequence);
         sums.rows.len() <= MOST_CHECKED
             && PathFilter::parse(text, ir)
                 .is_ok_and(|filter| sums.rows.keys().all(|row| filter.keeps(row) == is_member(row)))
@@ -180,23 +202,26 @@ pub fn groups<'a>(
     let absorbs = |end: End| end.detector().is_none_or(|number| ir.detectors[number].absorb);
     let mut rows: Vec<(u128, Group)> = groups
         .into_iter()
-        .map(|(common, members)| {
-            let (first, _) = members[0];
+        .map(|(common, mut members)| {
+            let first = members[0].sequence;
+            let largest = scale(&mut members);
             let mut sum = PathSum::default();
-            members.iter().for_each(|(_, member)| sum += **member);
+            members.iter().for_each(|member| sum += member.sum);
             let is_known = has_errors
                 && !sums.squares_overflowed
-                && !(branches_scatter && members.iter().any(|(sequence, _)| sequence.scatterings() > 0));
+                && !(branches_scatter && members.iter().any(|member| member.sequence.scatterings() > 0));
             let error = is_known.then(|| {
-                let quanta = error_of(&members, &launched, is_exclusive(first.end));
-                unit.watts_of_weight(quanta / QUANTA_PER_WEIGHT)
+                let quanta = error_of(&members, &launched, is_exclusive(ir, first.end));
+                unit.watts_of_weight(quanta / QUANTA_PER_WEIGHT) * largest
             });
             let (sequence, steps, filter) = described(ir, &common, first);
             let few_rays = sum.brought(!sums.squares_overflowed).few_rays(tally.launched.mean_weight(), unit);
+            // Light that a coating takes to the last bit is known to be none.
+            let few_rays = few_rays.filter(|_| largest > 0.0).map(|few| few.scaled(largest));
             let row = LightPath {
                 rank: 0,
-                flux: unit.watts(sum.quanta),
-                share: sum.quanta as f64 / totals[&first.end].quanta.max(1) as f64,
+                flux: unit.watts(sum.quanta) * largest,
+                share: sum.quanta as f64 * largest / totals[&first.end],
                 standard_error: error.filter(|error| error.is_finite()),
                 few_rays: few_rays
                     .map(|few| if absorbs(first.end) { few.at_most(launched_flux) } else { few }),
@@ -212,13 +237,48 @@ pub fn groups<'a>(
                 rms_radius: None,
                 peak_irradiance: None,
             };
-            (sum.quanta, Group { row, sequences: members.iter().map(|(sequence, _)| *sequence).collect() })
+            let factor = members.iter().all(|member| member.factor == largest).then_some(largest);
+            let sequences = members.iter().map(|member| member.sequence).collect();
+            (sum.quanta, Group { row, sequences, factor })
         })
         .collect();
-    rows.sort_by_key(|(quanta, _)| std::cmp::Reverse(*quanta));
+    match recoating.is_empty() {
+        true => rows.sort_by_key(|(quanta, _)| std::cmp::Reverse(*quanta)),
+        false => rows.sort_by(|(_, a), (_, b)| b.row.flux.total_cmp(&a.row.flux)),
+    }
     let ranked =
         (1..).zip(rows).map(|(rank, (_, group))| Group { row: LightPath { rank, ..group.row }, ..group });
     ranked.collect()
+}
+
+/// True if a ray comes to an end by one sequence at most: only where rays are split or pass a detector do more lead there.
+pub(crate) fn is_exclusive(ir: &SceneIr, end: End) -> bool {
+    !splits(ir) && end.detector().is_none_or(|number| ir.detectors[number].absorb)
+}
+
+/// Scales the sums of a row by their factors, relative to the largest one, which is returned: sums are whole numbers, which
+/// small factors would round. Where all factors are one number, the sums stay as they are.
+fn scale(members: &mut [Member]) -> f64 {
+    let largest = members.iter().map(|member| member.factor).fold(0.0, f64::max);
+    for Member { sum, factor, .. } in members.iter_mut().filter(|member| member.factor != largest) {
+        let relative = *factor / largest;
+        sum.quanta = (sum.quanta as f64 * relative).round() as u128;
+        sum.squares = (sum.squares as f64 * relative * relative).ceil() as u128;
+    }
+    largest
+}
+
+/// All light that came to each end \[quanta\], at least 1.
+fn totals(sums: &PathTally, recoating: &Recoating) -> BTreeMap<End, f64> {
+    if recoating.is_empty() {
+        return sums.totals().into_iter().map(|(end, sum)| (end, sum.quanta.max(1) as f64)).collect();
+    }
+    let mut totals: BTreeMap<End, f64> = BTreeMap::new();
+    let rows = sums.rows.iter().map(|(path, sum)| (path.end, sum.quanta as f64 * recoating.factor(path)));
+    let other = sums.other.iter().map(|(end, sum)| (*end, sum.quanta as f64));
+    rows.chain(other).for_each(|(end, quanta)| *totals.entry(end).or_default() += quanta);
+    totals.values_mut().for_each(|total| *total = total.max(1.0));
+    totals
 }
 
 /// True if every name can be written in an expression, and stands for itself alone.
@@ -239,10 +299,10 @@ fn names_are_plain(ir: &SceneIr) -> bool {
 
 /// The standard error of a sum over sequences \[quanta\]. Where each ray comes by one sequence at most, the squares of the
 /// rays of a source add up. Else the errors of the sequences do, which are never too small.
-fn error_of(members: &[(&Sequence, &PathSum)], launched: &[u64], is_exclusive: bool) -> f64 {
+fn error_of(members: &[Member], launched: &[u64], is_exclusive: bool) -> f64 {
     let mut of_sources: BTreeMap<u32, PathSum> = BTreeMap::new();
-    for (sequence, sum) in members {
-        *of_sources.entry(sequence.source).or_default() += **sum;
+    for Member { sequence, sum, .. } in members {
+        *of_sources.entry(sequence.source).or_default() += *sum;
     }
     let error = |source: u32, sum: &PathSum| {
         let num_rays = launched[source as usize];
@@ -251,7 +311,7 @@ fn error_of(members: &[(&Sequence, &PathSum)], launched: &[u64], is_exclusive: b
     };
     match is_exclusive || members.len() == 1 {
         true => of_sources.iter().map(|(source, sum)| error(*source, sum).powi(2)).sum::<f64>().sqrt(),
-        false => members.iter().map(|(sequence, sum)| error(sequence.source, sum)).sum(),
+        false => members.iter().map(|member| error(member.sequence.source, &member.sum)).sum(),
     }
 }
 
@@ -333,14 +393,15 @@ impl PathTable {
         grouping: Grouping,
         detector: Option<usize>,
         rows: impl IntoIterator<Item = LightPath>,
+        recoating: &Recoating,
     ) -> PathTable {
-        let totals = sums.totals();
+        let totals = totals(sums, recoating);
         let is_listed = |(end, _): &(&End, &PathSum)| detector.is_none() || end.detector() == detector;
         let other = sums.other.iter().filter(is_listed).map(|(end, sum)| OtherLight {
             detector: end.detector().map(|number| ir.detectors[number].name.clone()),
             end: end.text(ir),
             flux: unit.watts(sum.quanta),
-            share: sum.quanta as f64 / totals[end].quanta.max(1) as f64,
+            share: sum.quanta as f64 / totals[end],
             num_rays: sum.count,
         });
         PathTable {
@@ -348,6 +409,9 @@ impl PathTable {
             paths: rows.into_iter().collect(),
             other: other.collect(),
             is_closed: sums.is_closed,
+            recoated: recoating.recoated(),
+            coatings: None,
+            coating_warnings: Vec::new(),
         }
     }
 
@@ -383,6 +447,12 @@ impl PathTable {
 }
 
 impl Places {
+    /// The places of so much of the light.
+    pub(crate) fn scaled(self, factor: f64) -> Self {
+        let scaled = |sum: i128| (sum as f64 * factor).round() as i128;
+        Places { first: self.first.map(scaled), second: scaled(self.second), ..self }
+    }
+
     /// The centroid and the RMS radius of light \[mm\] that several sequences brought: their sums and their places.
     pub fn spot(parts: &[(PathSum, Places)]) -> Option<([f64; 2], f64)> {
         let weight: f64 = parts.iter().map(|(sum, _)| sum.quanta as f64).sum();

@@ -8,6 +8,7 @@
 //!       -> report.json, <detector>.npz, <detector>.png, ray_paths.npz, the text of report()
 //! ```
 
+pub mod coating_rank;
 pub mod comparison;
 mod detector;
 pub mod detectors;
@@ -32,6 +33,7 @@ pub mod ray_rows;
 mod ray_set;
 mod read_out;
 mod reader;
+pub mod recoat;
 pub mod report;
 mod run_info;
 mod stopped_by;
@@ -39,10 +41,12 @@ mod stored;
 pub mod tally;
 mod tally_check;
 mod terminal;
+pub mod total_reflection;
 mod trace_result;
 pub mod uncertainty;
 mod wrong_side_warnings;
 
+pub use crate::result::coating_rank::CoatingRank;
 pub use crate::result::detector::Detector;
 pub use crate::result::detectors::{
     DetectorData, FarFieldPattern, IrradianceMap, RayColumns, RayDatabase, SpectralMap,
@@ -58,6 +62,7 @@ pub use crate::result::path_tally::{PathSum, PathTally};
 pub use crate::result::ray_paths::{PathColumns, RayPaths};
 pub use crate::result::ray_rows::{Recorded, Recording, RowWriter, Rows};
 pub use crate::result::ray_set::{RaySet, RaySpan};
+pub use crate::result::recoat::{NewCoating, Recoated, Recoating};
 pub use crate::result::report::Report;
 pub use crate::result::run_info::{GuideInfo, RunInfo, StageTime};
 pub use crate::result::stopped_by::StoppedBy;

@@ -5,8 +5,8 @@ use crate::model::{Interaction, SceneIr};
 use crate::result::detectors::Sums;
 use crate::result::uncertainty::worst_relative_error;
 use crate::result::{
-    Detector, Diagnostics, FluxUnit, Grouping, Ledger, PathTable, RayPaths, Recorded, RunInfo, SurfaceKind,
-    SurfaceResult, Tally, TraceResult, Uncertainty, check_shape, light_paths,
+    Detector, Diagnostics, FluxUnit, Grouping, Ledger, PathTable, RayPaths, Recoating, Recorded, RunInfo,
+    SurfaceKind, SurfaceResult, Tally, TraceResult, Uncertainty, check_shape, light_paths,
 };
 
 impl TraceResult {
@@ -78,15 +78,15 @@ impl TraceResult {
 /// The table of paths, each sequence a row.
 fn path_table(ir: &SceneIr, run: &RunInfo, tally: &Tally, unit: FluxUnit) -> Option<PathTable> {
     let sums = tally.path_sums.as_ref()?;
-    let grouping = Grouping::Sequence;
+    let (grouping, as_traced) = (Grouping::Sequence, Recoating::default());
     // The errors of Sobol's points are not those of independent draws.
-    let groups = light_paths::groups(ir, tally, sums, unit, grouping, run.sampler == "pcg");
+    let groups = light_paths::groups(ir, tally, sums, unit, grouping, run.sampler == "pcg", &as_traced);
     let launched = unit.watts(tally.launched.quanta);
     let rows = groups.into_iter().map(|group| match run.guide {
         Some(_) => group.row.with_worth(launched),
         None => group.row,
     });
-    Some(PathTable::new(ir, sums, unit, grouping, None, rows))
+    Some(PathTable::new(ir, sums, unit, grouping, None, rows, &as_traced))
 }
 
 /// Starts at 0, since the empty sum of floats is -0.

@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 
 use crate::format::pretty_json;
 use crate::result::integrity::Meta;
-use crate::result::{TraceResult, few_rays};
+use crate::result::{PathTable, TraceResult, few_rays};
 
 /// Version of the document. It grows when a field changes its meaning or goes away, not when one is added.
 pub const SCHEMA: u32 = 1;
@@ -26,6 +26,9 @@ pub const SCHEMA: u32 = 1;
 ///   \[W\], which the flux is below with 95 % confidence. The map of a path has a `title`, its sequence.
 /// - `paths` and `paths_without_row`: light by its path, the most flux first, and light whose sequence has no row, by its
 ///   end. Missing unless light was summed up by its path.
+/// - `recoated`: faces whose coatings `paths` takes for others than in the trace; the maps and the sums of detectors are as
+///   traced. `coatings`: the faces that ghosts meet, by how much their coatings matter. `coating_warnings`: what to know of
+///   both. Missing unless asked for.
 /// - `paths_file`, `gradients_file`, `ray_paths`: names of files. The first two are missing, the last is null, where there
 ///   is none.
 /// - `meta`: hashes of the files beside the document, and of itself. Missing where no file was written.
@@ -39,7 +42,7 @@ const KEYS: &str = "schema program version scene num_rays_requested partial stop
     rays_per_sec num_rays_before num_rays_total num_rays_absorbed num_rays_escaped num_rays_flux_killed \
     num_rays_depth_killed total_flux_in total_flux_detected total_flux_tapped total_flux_absorbed \
     total_flux_bulk_absorbed total_flux_escaped total_flux_lost flux_conservation_error trace_time_sec first_rays_sec \
-    detectors surfaces ledger diagnostics paths paths_without_row paths_file gradients gradients_file ray_paths";
+    detectors surfaces ledger diagnostics paths paths_without_row recoated coatings coating_warnings paths_file gradients gradients_file ray_paths";
 
 /// Names of the files that were written beside the document.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -67,6 +70,7 @@ impl Report {
         if let Some(table) = &result.paths {
             found.insert("paths".into(), json!(table.paths));
             found.extend((!table.other.is_empty()).then(|| ("paths_without_row".into(), json!(table.other))));
+            found.extend(coatings(table));
         }
         let names = [("paths_file", &files.paths), ("gradients_file", &files.gradients)];
         let written = names.into_iter().filter(|(_, name)| name.is_some());
@@ -101,6 +105,19 @@ fn fields(part: &impl Serialize) -> Map<String, Value> {
         Ok(Value::Object(fields)) => fields,
         _ => Map::new(),
     }
+}
+
+/// What is said of new coatings.
+fn coatings(table: &PathTable) -> Vec<(String, Value)> {
+    let mut found = Vec::new();
+    if !table.recoated.is_empty() {
+        found.push(("recoated".into(), json!(table.recoated)));
+    }
+    found.extend(table.coatings.as_ref().map(|coatings| ("coatings".into(), json!(coatings))));
+    if !table.coating_warnings.is_empty() {
+        found.push(("coating_warnings".into(), json!(table.coating_warnings)));
+    }
+    found
 }
 
 fn detectors(result: &TraceResult, files: &Files) -> Map<String, Value> {

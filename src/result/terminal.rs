@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use crate::format::{plain, shown, significant, thousands};
 use crate::result::StoppedBy;
-use crate::result::{GuideInfo, LedgerEntry, PathTable, TraceResult, few_rays, gradients};
+use crate::result::{GuideInfo, LedgerEntry, PathTable, Recoated, TraceResult, few_rays, gradients};
 
 /// Rows of the table of paths that a report of a trace shows.
 const TOP_PATHS: usize = 10;
@@ -155,6 +155,14 @@ impl TraceResult {
     }
 }
 
+/// `recoated: L1.back, R 0.01 -> 0.002, T 0.99 -> 0.998`
+fn recoated_line(face: &Recoated) -> String {
+    let change = |old: f64, new: f64| format!("{} -> {}", significant(old, 4), significant(new, 4));
+    let transmittances = face.old_transmittance.zip(face.transmittance);
+    let of_t = transmittances.map_or(String::new(), |(old, new)| format!(", T {}", change(old, new)));
+    format!("recoated: {}, R {}{of_t}\n", shown(&face.face), change(face.old_reflectance, face.reflectance))
+}
+
 impl PathTable {
     /// The first rows for a terminal, and what the others sum up to.
     pub fn text(&self, top: usize) -> String {
@@ -162,8 +170,8 @@ impl PathTable {
         let has_places = shown_rows.iter().any(|row| row.rms_radius.is_some());
         let has_peaks = shown_rows.iter().any(|row| row.peak_irradiance.is_some());
         let has_worth = shown_rows.iter().any(|row| row.plain_rays.is_some());
-        let mut text =
-            format!("{:<6}{:>12}{:>12}{:>12}{:>14}", "path", "W", "std. error", "% of end", "rays");
+        let mut text = self.recoated.iter().map(recoated_line).collect::<String>();
+        let _ = write!(text, "{:<6}{:>12}{:>12}{:>12}{:>14}", "path", "W", "std. error", "% of end", "rays");
         if has_worth {
             let _ = write!(text, "{:>12}", "plain rays");
         }

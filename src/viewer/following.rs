@@ -153,13 +153,8 @@ pub struct Listing {
 
 /// Lists a detector's light by its path, without maps: nothing is traced.
 pub(crate) fn list(followed: &Arc<Followed>, detector: usize, group: Grouping) -> Listing {
-    let options = TableOptions {
-        group,
-        sort: Sorting::Flux,
-        detector: Some(detector),
-        num_maps: 0,
-        ..TableOptions::default()
-    };
+    let options =
+        TableOptions { group, sort: Sorting::Flux, detector: Some(detector), ..TableOptions::default() };
     let Followed { scene, options: traced, tally, .. } = followed.as_ref();
     let table = rows::table(&scene.ir, tally, followed.unit(), traced.sampler, &options);
     Listing { followed: followed.clone(), detector, table, maps: Vec::new() }

@@ -8,9 +8,12 @@ mod traces;
 use crate::cli::device_args::DeviceArgs;
 use crate::cli::progress;
 use crate::cli::serve::frames::Incoming;
-use crate::cli::serve::requests::{Request, TraceRequest};
+use crate::cli::serve::requests::{RecoatRequest, Request, TraceRequest};
 use crate::error::{Error, Result};
-use crate::result::{Report, TraceResult, npz_files, report};
+use crate::model::Sequence;
+use crate::result::coating_rank::{self, Ghost, Ghosts, is_ghost};
+use crate::result::light_paths::is_exclusive;
+use crate::result::{Recoating, Report, TraceResult, npz_files, report};
 use crate::run::gradients::LossWithEdges;
 use crate::run::{LossDerivatives, Next, Session, Status, missed_target};
 use crate::scene::Scene;
@@ -177,8 +180,43 @@ fn answer(
             }
             Err(error) => output.fail(id, &error),
         },
+        Request::Recoat(request) => match recoat(&request) {
+            Ok(Value::Object(found)) => {
+                let mut reply = json!({"id": id, "reply": "recoat"});
+                found.into_iter().for_each(|(key, value)| reply[key] = value);
+                output.send(&reply)
+            }
+            Ok(_) => output.fail(id, &Error::Internal("the answer is no object".into())),
+            Err(error) => output.fail(id, &error),
+        },
         Request::Trace(request) => trace(session, output, id, &request, flag),
     }
+}
+
+/// What other coatings do to rows: the factors of their light, the changed faces, warnings, and the rank of the coatings.
+fn recoat(request: &RecoatRequest) -> Result<Value> {
+    let ir = Scene::with_numbers(&request.scene(), &request.folder, &[])?.lower()?;
+    let recoating = Recoating::new(&ir, &request.coatings)?;
+    let paths: Vec<Sequence> = request.rows.iter().map(|row| row.sequence(&ir)).collect::<Result<_>>()?;
+    recoating.check(&ir, paths.iter())?;
+    let fluxes = request.rows.iter().map(|row| row.flux);
+    let mut warnings = recoating.warnings(&ir, paths.iter().zip(fluxes));
+    let mut found = json!({
+        "factors": paths.iter().map(|path| recoating.factor(path)).collect::<Vec<_>>(),
+        "recoated": recoating.recoated(),
+    });
+    if request.rank {
+        let rows = paths.iter().zip(&request.rows).filter(|(path, _)| is_ghost(path));
+        let all: Vec<Ghost> = rows
+            .map(|(sequence, row)| Ghost { sequence, flux: row.flux, standard_error: row.standard_error })
+            .collect();
+        let are_exclusive = all.iter().all(|ghost| is_exclusive(&ir, ghost.sequence.end));
+        let ghosts = Ghosts { all, are_exclusive, brightest: None };
+        found["coatings"] = json!(coating_rank::rank(&ir, &recoating, &ghosts));
+        warnings.extend(coating_rank::warnings(&ir, &ghosts));
+    }
+    found["warnings"] = warnings.into();
+    Ok(found)
 }
 
 fn trace(

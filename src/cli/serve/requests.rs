@@ -3,6 +3,9 @@
 use crate::cli::trace::parse_record_paths;
 use crate::cli::trace_args::TraceArgs;
 use crate::error::{Error, Result};
+use crate::model::{SceneIr, Sequence};
+use crate::result::NewCoating;
+use crate::result::recoat::sequence_of;
 use crate::run::RecordPaths;
 use clap::Parser;
 use ndarray::ArrayD;
@@ -18,6 +21,8 @@ pub(crate) enum Request {
     Hello,
     /// Asks for numbers of a scene's text, by their names.
     Numbers { scene: String, names: Vec<String> },
+    /// Asks what other coatings would do to the rows of a table of paths.
+    Recoat(Box<RecoatRequest>),
     /// Asks for a trace.
     Trace(Box<TraceRequest>),
 }
@@ -52,6 +57,57 @@ pub(crate) struct TraceRequest {
     pub(crate) adjoints: Option<Vec<(String, ArrayD<f64>)>>,
     /// True: the progress is sent.
     pub(crate) progress: bool,
+}
+
+/// Rows of a table of paths, and other coatings of faces.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RecoatRequest {
+    #[allow(dead_code, reason = "read before")]
+    id: Value,
+    #[allow(dead_code, reason = "read before")]
+    request: String,
+    /// The scene that was traced.
+    scene: Value,
+    /// The folder from which files are looked for that the scene names.
+    #[serde(default)]
+    pub(crate) folder: PathBuf,
+    /// The rows.
+    pub(crate) rows: Vec<PathRow>,
+    /// The coatings, as `--recoat` has them.
+    #[serde(default)]
+    pub(crate) coatings: Vec<NewCoating>,
+    /// Whether coatings are ranked.
+    #[serde(default)]
+    pub(crate) rank: bool,
+}
+
+/// A row of a table of paths.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct PathRow {
+    sequence: String,
+    steps: Vec<[String; 2]>,
+    detector: Option<String>,
+    pub(crate) flux: f64,
+    pub(crate) standard_error: Option<f64>,
+}
+
+impl RecoatRequest {
+    /// The text of the scene.
+    pub(crate) fn scene(&self) -> String {
+        text_of(self.scene.clone())
+    }
+}
+
+impl PathRow {
+    /// The row's sequence in its scene.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if it has none.
+    pub(crate) fn sequence(&self, ir: &SceneIr) -> Result<Sequence> {
+        sequence_of(ir, &self.sequence, &self.steps, self.detector.as_deref())
+    }
 }
 
 #[derive(Deserialize)]
@@ -126,14 +182,15 @@ impl Request {
                 let NumbersHeader { scene, names, .. } = read(header)?;
                 Ok(Request::Numbers { scene: text_of(scene), names })
             }
+            Some("recoat") => read(header).map(|request| Request::Recoat(Box::new(request))),
             Some("trace") => {
                 TraceRequest::of(header, arrays).map(|request| Request::Trace(Box::new(request)))
             }
             Some(other) => Err(Error::Usage(format!(
-                "there is no request `{other}`; there are hello, numbers, trace, stop and cancel"
+                "there is no request `{other}`; there are hello, numbers, recoat, trace, stop and cancel"
             ))),
             None => Err(Error::Usage(
-                "the header has no text `request`: hello, numbers, trace, stop or cancel".into(),
+                "the header has no text `request`: hello, numbers, recoat, trace, stop or cancel".into(),
             )),
         }
     }
