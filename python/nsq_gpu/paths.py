@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from nsq_gpu.display import MOST_ROWS, Displayed, Summary, error_of, number
+from nsq_gpu.errors import ResultWarning, UsageError, warn
 from nsq_gpu.labelled import table as labelled_table
 
 if TYPE_CHECKING:
@@ -80,7 +81,7 @@ class PathTable(Displayed, np.ndarray):
             setattr(self, name, getattr(other, name, getattr(PathTable, name)))
 
     def recoat(self, coatings: Mapping[str, float | tuple[float, float]], *,
-               scene: NSQScene | str | os.PathLike[str] | None = None) -> PathTable:
+               scene: NSQScene | str | os.PathLike[str] | None = None, binary: str | None = None) -> PathTable:
         """Return the table that other coatings of faces would give, without another trace.
 
         >>> result.paths.recoat({"L3.back": 0.002})
@@ -92,6 +93,7 @@ class PathTable(Displayed, np.ndarray):
         Args:
             coatings: R, or R and T, by the names of the faces.
             scene: The scene that was traced, or its file; by default the one that the result knows.
+            binary: Path of the program.
 
         Raises:
             UsageError: A face is unknown, bare, or coated by the angle or wavelength; it reflected nothing in the trace; R or T
@@ -100,31 +102,29 @@ class PathTable(Displayed, np.ndarray):
         from nsq_gpu.arguments import check_mapping
 
         check_mapping("coatings", coatings, '{"L3.back": 0.002}')
-        answer = self._ask(scene, coatings, rank=False)
+        answer = self._ask(scene, coatings, binary, rank=False)
         return self._with_factors(np.array(answer["factors"], dtype=np.float64), answer["recoated"])
 
-    def rank_coatings(self, *, detector: str | None = None,
-                      scene: NSQScene | str | os.PathLike[str] | None = None) -> CoatingTable:
+    def rank_coatings(self, *, detector: str | None = None, scene: NSQScene | str | os.PathLike[str] | None = None,
+                      binary: str | None = None) -> CoatingTable:
         """Return the faces whose coatings matter most to ghosts, which are rows of at least two reflections.
 
         Args:
             detector: The detector whose ghosts count; by default those of all.
             scene: The scene that was traced, or its file; by default the one that the result knows.
+            binary: Path of the program.
 
         Raises:
             UsageError: There is no such detector, or a row stands for several paths.
         """
-        from nsq_gpu.errors import UsageError
-
         known = sorted({name for name in self["detector"] if name is not None})
         if detector is not None and detector not in known:
-            raise UsageError(f"detector is {detector!r}, and no row of the table ends there; those that have rows: {', '.join(known)}")
+            raise UsageError(f"detector is {detector!r}, and no row of the table ends there; rows end on: {', '.join(known)}")
         rows = self if detector is None else self[self["detector"] == detector]
-        return coating_table(rows._ask(scene, {}, rank=True)["coatings"])
+        return coating_table(rows._ask(scene, {}, binary, rank=True)["coatings"])
 
-    def _ask(self, scene: Any, coatings: Mapping[str, Any], *, rank: bool) -> Json:
+    def _ask(self, scene: Any, coatings: Mapping[str, Any], binary: str | None, *, rank: bool) -> Json:
         """Ask the program what coatings do to the rows, and give its warnings."""
-        from nsq_gpu.errors import ResultWarning, UsageError, warn
         from nsq_gpu.session import asked_of_paths
 
         if self.recoated:
@@ -134,7 +134,7 @@ class PathTable(Displayed, np.ndarray):
         text = self._scene if scene is None else scene
         if text is None:
             raise UsageError("the table does not know the scene that was traced; name it: scene=\"lens.json\"")
-        answer = asked_of_paths(text, is_text=scene is None, rows=[_as_asked(row) for row in self],
+        answer = asked_of_paths(text, binary, is_text=scene is None, rows=[_as_asked(row) for row in self],
                                 coatings=[_new_coating(face, wanted) for face, wanted in coatings.items()], rank=rank)
         for warning in answer["warnings"]:
             warn(warning, ResultWarning)
@@ -261,14 +261,13 @@ def _as_asked(row: Any) -> Json:
 
 def _new_coating(face: str, wanted: Any) -> Json:
     """Return a coating as the program takes it."""
-    from nsq_gpu.errors import UsageError
-
     try:
         values = [float(value) for value in np.atleast_1d(wanted)]
     except (TypeError, ValueError):
         values = []
     if len(values) not in (1, 2) or not np.isfinite(values).all():
-        raise UsageError(f"the coating of {face!r} is {wanted!r}; give a reflectance, or a pair of reflectance and transmittance")
+        raise UsageError(f"the coating of {face!r} is {wanted!r}; give a reflectance, or a pair of reflectance and "
+                         "transmittance")
     return {"face": str(face), "reflectance": values[0], "transmittance": values[1] if len(values) == 2 else None}
 
 

@@ -359,9 +359,9 @@ def shared_session(binary: str, adapter: str | None) -> Session:
         return _shared[key]
 
 
-def asked_of_paths(scene: NSQScene | str | os.PathLike[str], *, is_text: bool, **asked: Any) -> Json:
+def asked_of_paths(scene: NSQScene | str | os.PathLike[str], binary: str | None, *, is_text: bool, **asked: Any) -> Json:
     """Ask this process's session of other coatings, for rows of a scene: a live one, its file, or its text."""
-    session, folder = shared_session(find_binary(None), None), None
+    session, folder = shared_session(find_binary(binary), None), None
     if not is_text:
         check_scene(scene, or_path=True)
         if isinstance(scene, NSQScene):

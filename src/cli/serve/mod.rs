@@ -196,8 +196,8 @@ fn answer(
 /// What other coatings do to rows: the factors of their light, the changed faces, warnings, and the rank of the coatings.
 fn recoat(request: &RecoatRequest) -> Result<Value> {
     let ir = Scene::with_numbers(&request.scene(), &request.folder, &[])?.lower()?;
-    let recoating = Recoating::new(&ir, &request.coatings)?;
     let paths: Vec<Sequence> = request.rows.iter().map(|row| row.sequence(&ir)).collect::<Result<_>>()?;
+    let recoating = Recoating::new(&ir, &request.coatings)?;
     recoating.check(&ir, paths.iter())?;
     let fluxes = request.rows.iter().map(|row| row.flux);
     let mut warnings = recoating.warnings(&ir, paths.iter().zip(fluxes));
