@@ -493,6 +493,9 @@ fn the_command_lists_rows_with_new_coatings_and_ranks_them() {
     assert_eq!(found["coatings"].as_array().unwrap().len(), 2);
     let report: Value = serde_json::from_slice(&std::fs::read(out.join("report.json")).unwrap()).unwrap();
     assert_eq!((&report["recoated"], &report["coatings"]), (&expected, &found["coatings"]));
+    let table = nsq_gpu::result::TraceResult::read(&out).unwrap().paths.unwrap();
+    assert_eq!(json!(table.recoated), expected);
+    assert_eq!(json!(table.coatings), found["coatings"]);
     // A map would have the coatings of the trace.
     assert!(!out.join("path_1.npz").exists() && report["detectors"].get("path_1").is_none());
     let verified = run(&["verify", out.to_str().unwrap()]);

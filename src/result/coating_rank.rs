@@ -139,7 +139,7 @@ fn sum_of_slopes(
 ) -> (Option<f64>, Option<f64>) {
     let slope = |ghost: &Ghost| recoating.slope(ghost.sequence, surface, constants);
     let derivative = ghosts.all.iter().map(|ghost| slope(ghost) * ghost.flux).sum();
-    // A ghost without light has no error of its own to add.
+    // Where the error of one ghost is not known, that of the sum is not either.
     let errors = ghosts.all.iter().map(|ghost| Some((slope(ghost) * ghost.standard_error?).abs()));
     let errors: Option<Vec<f64>> = errors.collect();
     let joint = |errors: Vec<f64>| match ghosts.are_exclusive {

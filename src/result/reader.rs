@@ -12,7 +12,9 @@ use crate::result::integrity::{self, Meta};
 use crate::result::light_paths::OtherLight;
 use crate::result::output::REPORT;
 use crate::result::stored::{DetectorEntry, Stored};
-use crate::result::{Detector, DetectorData, LightPath, PathTable, RunInfo, TraceResult, report};
+use crate::result::{
+    CoatingRank, Detector, DetectorData, LightPath, PathTable, Recoated, RunInfo, TraceResult, report,
+};
 
 /// What `report.json` has beside the fields of [`RunInfo`] and [`TraceResult`].
 #[derive(Deserialize)]
@@ -23,6 +25,12 @@ struct Rest {
     paths: Option<Vec<LightPath>>,
     #[serde(default)]
     paths_without_row: Vec<OtherLight>,
+    #[serde(default)]
+    recoated: Vec<Recoated>,
+    #[serde(default)]
+    coatings: Option<Vec<CoatingRank>>,
+    #[serde(default)]
+    coating_warnings: Vec<String>,
     #[serde(default)]
     meta: Option<Meta>,
 }
@@ -67,8 +75,10 @@ impl TraceResult {
             is_unchecked: rest.meta.is_none(),
             ..typed(path, &report)?
         };
-        let other = rest.paths_without_row;
-        result.paths = rest.paths.map(|paths| PathTable { paths, other, ..Default::default() });
+        let Rest { paths, paths_without_row: other, recoated, coatings, coating_warnings, .. } = rest;
+        let table =
+            |paths| PathTable { paths, other, recoated, coatings, coating_warnings, ..Default::default() };
+        result.paths = paths.map(table);
         Ok(result)
     }
 }
