@@ -136,10 +136,11 @@ fn rows<'a>(
             && (wanted.detector.is_none() || wanted.detector == detector)
             && wanted.filter.as_ref().is_none_or(|filter| filter.keeps(sequence))
     };
-    let rows = groups(ir, tally, sums, unit, wanted.group, false, &Recoating::default()).into_iter().map(|group| {
-        let members = group.sequences.into_iter().filter(|sequence| is_wanted(sequence));
-        members.map(|sequence| (sequence, sums.rows[sequence])).collect::<Vec<_>>()
-    });
+    let rows =
+        groups(ir, tally, sums, unit, wanted.group, false, &Recoating::default()).into_iter().map(|group| {
+            let members = group.sequences.into_iter().filter(|sequence| is_wanted(sequence));
+            members.map(|sequence| (sequence, sums.rows[sequence])).collect::<Vec<_>>()
+        });
     rows.filter(|row| row.iter().any(|(_, sum)| sum.quanta > 0)).collect()
 }
 
@@ -177,6 +178,8 @@ struct Row<'a> {
     members: Vec<Measured<'a>>,
     /// The sum of flux / sqrt(arriving).
     spread: f64,
+    /// In proportion to this number it gets effective rays.
+    aim: f64,
     cost: f64,
     plain: f64,
 }
@@ -189,18 +192,32 @@ fn targets<'a>(
 ) -> Vec<Target<'a>> {
     let others = rows.split_off(num_first);
     let of_others = if others.is_empty() { 0.0 } else { SHARE_OF_OTHERS };
-    let mut targets = shared(rows, piloted, 1.0 - of_others);
-    targets.extend(shared(others, piloted, of_others));
+    let mut targets = shared(rows, piloted, 1.0 - of_others, Aim::EqualErrors);
+    targets.extend(shared(others, piloted, of_others, Aim::ByFlux));
     targets.sort_by(|one, other| other.share.total_cmp(&one.share).then(one.sequence.cmp(other.sequence)));
     targets.truncate(MOST_TARGETS);
     targets
 }
 
-/// A share of the guided rays, so that all rows get as many effective rays out of it.
+/// How many effective rays the rows of a share get.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Aim {
+    /// All as many: their relative errors are equal.
+    EqualErrors,
+    /// In proportion to their flux: a row that is nearly one of the first gets more than one that is far from them.
+    ByFlux,
+}
+
+/// Shares guided rays among rows, of which those of most flux come first.
 ///
 /// A row of sequences with fluxes F, of which shares s arrive, has the smallest variance if sequences are tried in
 /// proportion to F / sqrt(s). The rays that it needs for an effective ray are then (sum of F / sqrt(s))^2 / (sum of F)^2.
-fn shared<'a>(rows: Vec<Vec<(&'a Sequence, PathSum)>>, piloted: &Piloted, of_guided: f64) -> Vec<Target<'a>> {
+fn shared<'a>(
+    rows: Vec<Vec<(&'a Sequence, PathSum)>>,
+    piloted: &Piloted,
+    of_guided: f64,
+    aim: Aim,
+) -> Vec<Target<'a>> {
     let row = |members: Vec<(&'a Sequence, PathSum)>| {
         let members: Vec<Measured> = members.into_iter().map(|member| piloted.measured(member)).collect();
         let flux: f64 = members.iter().map(|member| member.flux).sum();
@@ -208,14 +225,15 @@ fn shared<'a>(rows: Vec<Vec<(&'a Sequence, PathSum)>>, piloted: &Piloted, of_gui
         Row {
             members,
             spread,
+            aim: if aim == Aim::ByFlux { flux } else { 1.0 },
             cost: (spread / flux).powi(2) / (1.0 - PLAIN_SHARE),
             plain: PLAIN_SHARE * flux,
         }
     };
     let rows: Vec<Row> = rows.into_iter().map(row).collect();
     let level = level(&rows, of_guided);
-    let targets = rows.into_iter().flat_map(|Row { members, spread, cost, plain }| {
-        let share = (level - plain).max(0.0) * cost / spread;
+    let targets = rows.into_iter().flat_map(|Row { members, spread, aim, cost, plain }| {
+        let share = (level * aim - plain).max(0.0) * cost / spread;
         members.into_iter().map(move |Measured { sequence, flux, arriving }| Target {
             sequence,
             share: share * flux / arriving.sqrt(),
@@ -240,11 +258,12 @@ impl Piloted<'_> {
     }
 }
 
-/// The effective share of rays that all rows reach with this share of the guided ones.
+/// The effective share of rays that all rows reach with this share of the guided ones, in units of their aims.
 fn level(rows: &[Row], of_guided: f64) -> f64 {
-    let needed = |level: f64| rows.iter().map(|row| (level - row.plain).max(0.0) * row.cost).sum::<f64>();
-    let (mut low, mut high) = (0.0, 2.0);
-    for _ in 0..64 {
+    let of_row = |level: f64, row: &Row| (level * row.aim - row.plain).max(0.0) * row.cost;
+    let needed = |level: f64| rows.iter().map(|row| of_row(level, row)).sum::<f64>();
+    let (mut low, mut high) = (0.0, 1e30);
+    for _ in 0..256 {
         let middle = 0.5 * (low + high);
         if needed(middle) < of_guided { low = middle } else { high = middle }
     }
