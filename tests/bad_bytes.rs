@@ -149,6 +149,7 @@ fn checkpoint(ir: &SceneIr, tally: Tally) -> Checkpoint {
         path_table: "8 rows".into(),
         path_filter: "none".into(),
         standard_error: "on".into(),
+        guide: None,
         adapter: "adapter".into(),
         driver: "driver".into(),
     };

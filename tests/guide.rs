@@ -125,7 +125,7 @@ fn guided_rays_bring_the_light_of_plain_ones_in_every_scene() {
 #[test]
 fn intervals_of_ghosts_hold_as_often_as_they_say() {
     const SEEDS: u64 = 400;
-    const NUM_RAYS: u64 = 4000;
+    const NUM_RAYS: u64 = 6000;
     for (name, reflectance, filter) in [
         ("double_gauss", Some(0.002), None),
         ("ball_lens_ghosts", None, None),
@@ -144,7 +144,7 @@ fn intervals_of_ghosts_hold_as_often_as_they_say() {
         let mut shares = Vec::new();
         for ghost in tables[0].rows.keys().filter(|sequence| sequence.reflections() == 2) {
             let rows = || tables.iter().map(|table| table.rows.get(ghost).copied().unwrap_or_default());
-            if rows().map(|sum| sum.count).sum::<u64>() < 40 * SEEDS {
+            if rows().map(|sum| sum.count).sum::<u64>() < 80 * SEEDS {
                 continue;
             }
             let of_seeds: Vec<[f64; 2]> = rows().map(|sum| sum_and_error(&sum, NUM_RAYS)).collect();
