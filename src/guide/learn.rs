@@ -8,7 +8,7 @@ use crate::error::Result;
 use crate::guide::table::{Choice, Guide, NO_NODE, PLAIN, PLAIN_SHARE, fits};
 use crate::model::sequence::{Sequence, Step, StepKind};
 use crate::model::{Interaction, PathFilter, SceneIr};
-use crate::result::light_paths::groups;
+use crate::result::light_paths::{Group, groups};
 use crate::result::{FluxUnit, Grouping, PathSum, PathTally, QUANTA_PER_WEIGHT, Recoating, Tally};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -51,7 +51,7 @@ const ROUNDS: [(f64, f64); 3] = [(0.25, 1.0), (1.0, 0.5), (1.0, 0.15)];
 /// Rays of a pilot's largest round, as a share of the trace's.
 const SHARE_OF_TRACE: f64 = 0.125;
 /// Fewest and most rays of a pilot's largest round.
-const FEWEST_RAYS: u64 = 1 << 12;
+const FEWEST_RAYS: u64 = 1 << 15;
 const MOST_RAYS: u64 = 1 << 17;
 /// Reflections and scatterings up to which exploring rays reflect on purpose.
 const MOST_EXPLORED: usize = 4;
@@ -85,18 +85,19 @@ pub fn learn(
         ir.surfaces.iter().filter(|surface| surface.interaction == Interaction::Refractive).count();
     let mut reflect = 1.0 / (num_faces.min(FACES_AT_FIRST) as f64 + 1.0);
     let mut tree = Tree::new(ir);
-    let (mut learned, mut num_rows) = (0, 0);
+    let (mut learned, mut num_rows, mut known) = (0, 0, BTreeMap::new());
     for (round, (share, exploring)) in ROUNDS.into_iter().enumerate() {
         let guide = tree.guide(ir, Some(Exploring { share: exploring, reflect }));
-        let rays = (most as f64 * share) as u64;
-        let tally = pilot(&guide, rays, round)?;
+        let tally = pilot(&guide, (most as f64 * share) as u64, round)?;
         learned += tally.launched.count;
         let Some(sums) = &tally.path_sums else { continue };
         reflect = passes(ir, sums).map_or(reflect, |passes| 1.0 / (passes + 1.0));
-        let rows = rows(ir, &tally, sums, wanted);
+        let piloted = Piloted { ir, tally: &tally, guide: &guide };
+        sums.rows.iter().filter(|row| wanted.has(row.0)).for_each(|row| piloted.note(row, &mut known));
+        let rows = rows(ir, &tally, sums, wanted.group, &known);
         if !rows.is_empty() {
             num_rows = num_first(&rows, wanted.top.max(1));
-            tree = Tree::of(ir, &targets(rows, num_rows, &Piloted { ir, tally: &tally, guide: &guide }));
+            tree = Tree::of(ir, &targets(rows, num_rows));
         }
     }
     // Where the pilot found nothing, exploring rays may still find something.
@@ -122,40 +123,88 @@ fn refracts(ir: &SceneIr, surface: u32) -> bool {
     ir.surfaces[surface as usize].interaction == Interaction::Refractive
 }
 
-/// The wanted rows of a table, those of most flux first: their sequences.
-fn rows<'a>(
-    ir: &SceneIr,
-    tally: &Tally,
-    sums: &'a PathTally,
-    wanted: &Wanted,
-) -> Vec<Vec<(&'a Sequence, PathSum)>> {
-    let unit = FluxUnit::of_scene(ir, tally.launched.count);
-    let is_wanted = |sequence: &Sequence| {
+impl Wanted {
+    /// True if light of this sequence is wanted.
+    fn has(&self, sequence: &Sequence) -> bool {
         let detector = sequence.end.detector();
         detector.is_some()
-            && (wanted.detector.is_none() || wanted.detector == detector)
-            && wanted.filter.as_ref().is_none_or(|filter| filter.keeps(sequence))
+            && (self.detector.is_none() || self.detector == detector)
+            && self.filter.as_ref().is_none_or(|filter| filter.keeps(sequence))
+    }
+}
+
+/// A sequence, as the round of a pilot measured it that had most of its light.
+#[derive(Debug, Clone, Copy)]
+struct Measured {
+    /// Rays of equal weight that would have the same relative error.
+    effective: f64,
+    /// Its light, as a share of all that was launched.
+    flux: f64,
+    /// The share of the rays that try to take the sequence, and arrive.
+    arriving: f64,
+}
+
+/// The rows of all that is known, those of most flux first: sequences, and what is known of them.
+fn rows<'k>(
+    ir: &SceneIr,
+    tally: &Tally,
+    sums: &PathTally,
+    group: Grouping,
+    known: &'k BTreeMap<Sequence, Measured>,
+) -> Vec<Vec<(&'k Sequence, Measured)>> {
+    let quanta = |measured: &Measured| (measured.flux * tally.launched.quanta as f64) as u128;
+    let sum = |measured| PathSum { count: 1, quanta: quanta(measured), squares: 0 };
+    let all = known.iter().map(|(sequence, measured)| (sequence.clone(), sum(measured))).collect();
+    let all = PathTally { rows: all, ..sums.clone() };
+    let unit = FluxUnit::of_scene(ir, tally.launched.count);
+    let groups = groups(ir, tally, &all, unit, group, false, &Recoating::default());
+    let members = |group: &Group| {
+        group
+            .sequences
+            .iter()
+            .filter_map(|&sequence| known.get_key_value(sequence))
+            .map(|(sequence, m)| (sequence, *m))
+            .collect()
     };
-    let rows =
-        groups(ir, tally, sums, unit, wanted.group, false, &Recoating::default()).into_iter().map(|group| {
-            let members = group.sequences.into_iter().filter(|sequence| is_wanted(sequence));
-            members.map(|sequence| (sequence, sums.rows[sequence])).collect::<Vec<_>>()
-        });
-    rows.filter(|row| row.iter().any(|(_, sum)| sum.quanta > 0)).collect()
+    groups.iter().filter(|group| group.row.flux > 0.0).map(members).collect()
 }
 
 /// The first rows, and those that may be among them: a pilot knows fluxes only roughly.
-fn num_first(rows: &[Vec<(&Sequence, PathSum)>], top: usize) -> usize {
-    let flux = |row: &Vec<(&Sequence, PathSum)>| row.iter().map(|(_, sum)| sum.quanta).sum::<u128>() as f64;
+fn num_first(rows: &[Vec<(&Sequence, Measured)>], top: usize) -> usize {
+    let flux = |row: &Vec<(&Sequence, Measured)>| row.iter().map(|(_, measured)| measured.flux).sum::<f64>();
     let last = rows.get(top - 1).map_or(0.0, flux);
     rows.iter().take_while(|row| flux(row) >= NEARLY_FIRST * last).count()
 }
 
-/// What a pilot traced, and what guided it.
+/// What a round of a pilot traced, and what guided it.
 struct Piloted<'a> {
     ir: &'a SceneIr,
     tally: &'a Tally,
     guide: &'a Guide,
+}
+
+impl Piloted<'_> {
+    /// Keeps what is known of a sequence, if no other round knows more.
+    fn note(&self, (sequence, sum): (&Sequence, &PathSum), known: &mut BTreeMap<Sequence, Measured>) {
+        let measured = self.measured(sequence, sum);
+        if known.get(sequence).is_none_or(|before| before.effective < measured.effective) {
+            known.insert(sequence.clone(), measured);
+        }
+    }
+
+    fn measured(&self, sequence: &Sequence, sum: &PathSum) -> Measured {
+        let num_rays = self.tally.launched.count.max(1) as f64;
+        let [weight, squares] = [sum.quanta, sum.squares].map(|quanta| quanta as f64 / QUANTA_PER_WEIGHT);
+        // Squares of tiny weights are rounded up to a quantum.
+        let is_rounded = squares < LEAST_SQUARE * sum.count as f64;
+        let effective = if is_rounded { sum.count as f64 } else { weight * weight / squares };
+        let flux = sum.quanta as f64 / self.tally.launched.quanta.max(1) as f64;
+        let tried = (1.0 - PLAIN_SHARE) * likelihood(self.guide, self.ir, sequence);
+        // Of few rays not all can have come by plain chance.
+        let guided = (effective / num_rays - PLAIN_SHARE * flux).max(0.1 * effective / num_rays);
+        let arriving = if tried > 0.0 { (guided / tried).clamp(LEAST_ARRIVING, 1.0) } else { 1.0 };
+        Measured { effective, flux, arriving }
+    }
 }
 
 /// A sequence that rays are to take, and how many of the guided rays are to try.
@@ -164,18 +213,9 @@ struct Target<'a> {
     share: f64,
 }
 
-/// A sequence of a row, as a pilot has measured it.
-struct Measured<'a> {
-    sequence: &'a Sequence,
-    /// Its light, as a share of all that was launched.
-    flux: f64,
-    /// The share of the rays that try to take the sequence, and arrive.
-    arriving: f64,
-}
-
 /// A row: in units of its effective rays, the guided rays that it needs, and what it gets from plain rays.
 struct Row<'a> {
-    members: Vec<Measured<'a>>,
+    members: Vec<(&'a Sequence, Measured)>,
     /// The sum of flux / sqrt(arriving).
     spread: f64,
     /// In proportion to this number it gets effective rays.
@@ -185,15 +225,11 @@ struct Row<'a> {
 }
 
 /// How often each sequence of some rows is to be tried: those of the first rows, and the others.
-fn targets<'a>(
-    mut rows: Vec<Vec<(&'a Sequence, PathSum)>>,
-    num_first: usize,
-    piloted: &Piloted,
-) -> Vec<Target<'a>> {
+fn targets<'a>(mut rows: Vec<Vec<(&'a Sequence, Measured)>>, num_first: usize) -> Vec<Target<'a>> {
     let others = rows.split_off(num_first);
     let of_others = if others.is_empty() { 0.0 } else { SHARE_OF_OTHERS };
-    let mut targets = shared(rows, piloted, 1.0 - of_others, Aim::EqualErrors);
-    targets.extend(shared(others, piloted, of_others, Aim::ByFlux));
+    let mut targets = shared(rows, 1.0 - of_others, Aim::EqualErrors);
+    targets.extend(shared(others, of_others, Aim::ByFlux));
     targets.sort_by(|one, other| other.share.total_cmp(&one.share).then(one.sequence.cmp(other.sequence)));
     targets.truncate(MOST_TARGETS);
     targets
@@ -212,50 +248,28 @@ enum Aim {
 ///
 /// A row of sequences with fluxes F, of which shares s arrive, has the smallest variance if sequences are tried in
 /// proportion to F / sqrt(s). The rays that it needs for an effective ray are then (sum of F / sqrt(s))^2 / (sum of F)^2.
-fn shared<'a>(
-    rows: Vec<Vec<(&'a Sequence, PathSum)>>,
-    piloted: &Piloted,
-    of_guided: f64,
-    aim: Aim,
-) -> Vec<Target<'a>> {
-    let row = |members: Vec<(&'a Sequence, PathSum)>| {
-        let members: Vec<Measured> = members.into_iter().map(|member| piloted.measured(member)).collect();
-        let flux: f64 = members.iter().map(|member| member.flux).sum();
-        let spread: f64 = members.iter().map(|member| member.flux / member.arriving.sqrt()).sum();
-        Row {
-            members,
-            spread,
-            aim: if aim == Aim::ByFlux { flux } else { 1.0 },
-            cost: (spread / flux).powi(2) / (1.0 - PLAIN_SHARE),
-            plain: PLAIN_SHARE * flux,
-        }
-    };
-    let rows: Vec<Row> = rows.into_iter().map(row).collect();
-    let level = level(&rows, of_guided);
-    let targets = rows.into_iter().flat_map(|Row { members, spread, aim, cost, plain }| {
-        let share = (level * aim - plain).max(0.0) * cost / spread;
-        members.into_iter().map(move |Measured { sequence, flux, arriving }| Target {
-            sequence,
-            share: share * flux / arriving.sqrt(),
+fn shared(rows: Vec<Vec<(&Sequence, Measured)>>, of_guided: f64, aim: Aim) -> Vec<Target<'_>> {
+    let tried = |measured: &Measured| measured.flux / measured.arriving.sqrt();
+    let rows: Vec<Row> = rows
+        .into_iter()
+        .map(|members| {
+            let flux: f64 = members.iter().map(|(_, measured)| measured.flux).sum();
+            let spread: f64 = members.iter().map(|(_, measured)| tried(measured)).sum();
+            Row {
+                members,
+                spread,
+                aim: if aim == Aim::ByFlux { flux } else { 1.0 },
+                cost: (spread / flux).powi(2) / (1.0 - PLAIN_SHARE),
+                plain: PLAIN_SHARE * flux,
+            }
         })
+        .collect();
+    let level = level(&rows, of_guided);
+    let targets = rows.iter().flat_map(|Row { members, spread, aim, cost, plain }| {
+        let share = (level * aim - plain).max(0.0) * cost / spread;
+        members.iter().map(move |(sequence, measured)| Target { sequence, share: share * tried(measured) })
     });
     targets.filter(|target| target.share > 0.0).collect()
-}
-
-impl Piloted<'_> {
-    fn measured<'a>(&self, (sequence, sum): (&'a Sequence, PathSum)) -> Measured<'a> {
-        let num_rays = self.tally.launched.count.max(1) as f64;
-        let [weight, squares] = [sum.quanta, sum.squares].map(|quanta| quanta as f64 / QUANTA_PER_WEIGHT);
-        // Squares of tiny weights are rounded up to a quantum.
-        let is_rounded = squares < LEAST_SQUARE * sum.count as f64;
-        let effective = if is_rounded { sum.count as f64 } else { weight * weight / squares } / num_rays;
-        let flux = sum.quanta as f64 / self.tally.launched.quanta.max(1) as f64;
-        let tried = (1.0 - PLAIN_SHARE) * likelihood(self.guide, self.ir, sequence);
-        // Of few rays not all can have come by plain chance.
-        let guided = (effective - PLAIN_SHARE * flux).max(0.1 * effective);
-        let arriving = if tried > 0.0 { (guided / tried).clamp(LEAST_ARRIVING, 1.0) } else { 1.0 };
-        Measured { sequence, flux, arriving }
-    }
 }
 
 /// The effective share of rays that all rows reach with this share of the guided ones, in units of their aims.
