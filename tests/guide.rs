@@ -13,7 +13,7 @@ use command::{run, stderr};
 use nsq_gpu::guide::Guide;
 use nsq_gpu::guide::learn::{Wanted, learn};
 use nsq_gpu::guide::table::PLAIN_SHARE;
-use nsq_gpu::model::{PathFilter, ReflectProb, SceneIr, Sequence, StepKind};
+use nsq_gpu::model::{PathFilter, ReflectProb, SceneIr, StepKind};
 use nsq_gpu::paths::rows::{TableOptions, flux_unit, table};
 use nsq_gpu::program::{Precision, Sampler};
 use nsq_gpu::result::{Grouping, LightPath, PathSum, QUANTA_PER_WEIGHT, Tally};

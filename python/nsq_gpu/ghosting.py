@@ -47,7 +47,7 @@ _PIXELS = (128, 128)
 
 
 def ghosts(optic_or_scene: Optic | NSQScene | Mapping[str, Any] | str | os.PathLike[str], fields: Sequence[Any] | None = None,
-           top: int = 5, *, num_rays: int = 20_000, seed: int = 0, detector: str | None = None, group: str = "faces",
+           top: int = 5, *, num_rays: int = 100_000, seed: int = 0, detector: str | None = None, group: str = "faces",
            sort: str = "flux", min_reflections: int = 2, split_depth: int | None = None, guide: bool = True,
            max_depth: int | None = None, precision: str = "auto", adapter: str | None = None,
            binary: str | os.PathLike[str] | None = None, timeout: float | None = None, progress: Progress = None) -> Ghosts:

@@ -208,8 +208,7 @@ def test_the_brightest_may_come_first() -> None:
     assert {row["faces"] for row in by_peak} == {row["faces"] for row in rows_of(triplet(), 1)}
 
 
-@pytest.mark.parametrize("is_guided", [False, True])
-def test_each_option_reaches_the_program(is_guided: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_option_reaches_the_program(monkeypatch: pytest.MonkeyPatch) -> None:
     class Told(Exception):
         """The command."""
 
@@ -217,7 +216,6 @@ def test_each_option_reaches_the_program(is_guided: bool, monkeypatch: pytest.Mo
         raise Told(command)
 
     monkeypatch.setattr(ghosting, "_traced", told)
-    monkeypatch.setattr(ghosting, "_can_guide", lambda: is_guided)
 
     def command(scene: NSQScene, **options: Any) -> list[str]:
         with pytest.raises(Told) as caught:
@@ -230,7 +228,7 @@ def test_each_option_reaches_the_program(is_guided: bool, monkeypatch: pytest.Mo
     assert expected | {"--group=faces", "--progress=json"} <= set(whole) and "--guide" not in whole
     # Rays are guided or split, unless the caller or the scene says how it is sampled.
     free = command(plate())
-    assert ("--guide" in free) == is_guided and ("--split-depth=12" in free) == (not is_guided) and "--max-depth=16" in free
+    assert "--guide" in free and "--split-depth=12" not in free and "--max-depth=16" in free
     assert "--guide" not in command(plate(), guide=False) and "--split-depth=12" in command(plate(), guide=False)
     own = plate()
     own.sampling_policy = SamplingPolicy(reflect_prob=0.2)

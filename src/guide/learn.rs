@@ -33,7 +33,7 @@ impl Default for Wanted {
 }
 
 /// Rows to which rays are guided, unless others were asked for.
-pub const DEFAULT_ROWS: usize = 50;
+pub const DEFAULT_ROWS: usize = 20;
 
 /// What a pilot learned.
 #[derive(Debug, Clone)]

@@ -511,7 +511,7 @@ mod tests {
     fn another_format_is_named() {
         let mut bytes = checkpoint().to_bytes().unwrap();
         bytes[8] = 99;
-        assert_eq!(decode(&bytes).unwrap_err(), "is of format 99; this program reads format 5 and 6");
+        assert_eq!(decode(&bytes).unwrap_err(), "is of format 99; this program reads format 7 and 8");
         assert!(decode(b"PK and more than twenty-four bytes").unwrap_err().contains("no file of sums"));
     }
 
