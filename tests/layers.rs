@@ -11,7 +11,7 @@ use std::path::Path;
 use syn::visit::Visit;
 
 /// The rooms of src/, each of which may import from itself and from those before it. This is the one list of layers.
-const LAYERS: [&str; 20] = [
+const LAYERS: [&str; 21] = [
     "format", // numbers and names for people
     "error",  // what can go wrong
     "mesa",
@@ -25,6 +25,7 @@ const LAYERS: [&str; 20] = [
     "program",     // model -> WGSL and bytes
     "result",      // sums -> maps, ledger, files
     "engine",      // the plain loop
+    "guide",       // addition: rays are guided to rare light
     "paths",       // addition: light by its path
     "derivatives", // addition: tangents and adjoints
     "cpu",         // addition: what is done otherwise on processors

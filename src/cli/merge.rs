@@ -5,9 +5,8 @@ use crate::cli::pictures::PictureArgs;
 use crate::cli::trace::Printed;
 use crate::error::{Error, Result};
 use crate::format::path_text;
-use crate::guide::Guide;
 use crate::model::{Precision, SceneIr};
-use crate::result::{PathTally, RaySet, RunInfo, Tally, TraceResult, output};
+use crate::result::{GuideInfo, PathTally, RaySet, RunInfo, Tally, TraceResult, output};
 use crate::run::checkpoint::{Checkpoint, Identity};
 use crate::run::proof::Proof;
 use crate::scene::Scene;
@@ -203,7 +202,7 @@ fn run_info(path: &Path, scene: &Scene, merged: &Checkpoint) -> RunInfo {
             "f32" => Precision::F32,
             _ => Precision::F64,
         }),
-        guide: identity.guide.as_ref().map(Guide::info),
+        guide: identity.guide.as_ref().map(GuideInfo::of),
         first_ray: identity.first_ray,
         of_rays: identity.of_rays,
         ..RunInfo::default()

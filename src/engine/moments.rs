@@ -1,6 +1,5 @@
 //! Decides where the second moments of a trace come from. Standard errors follow from second moments.
 
-use crate::engine::addition::Additions;
 use crate::engine::options::{StandardError, TraceOptions};
 use crate::model::surface_optics::splits;
 use crate::model::{Detector, SceneIr, Splat};
@@ -26,9 +25,8 @@ impl MomentSource {
         options: &TraceOptions,
         weights: &[f64],
         roulette_threshold: f64,
-        additions: &Additions,
+        draws_branches: bool,
     ) -> Self {
-        let draws_branches = additions.of_program().iter().any(|addition| addition.draws_branches());
         let features = || Features::of(ir, weights, roulette_threshold, options.max_depth);
         let keeps_weight = || features().with_branches_drawn(draws_branches).keeps_weight;
         let is_cheap = !splits(ir) && ir.detectors.iter().all(tables::takes_rays_whole);

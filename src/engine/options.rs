@@ -3,7 +3,7 @@
 use crate::engine::tuning::Tuning;
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterInfo, Gpu};
-use crate::guide::table::Guide;
+use crate::model::guide::Guide;
 use crate::model::{PathFilter, depth};
 use crate::program::rewrite::jvp::Tangents;
 use crate::program::{PathSampling, Precision, Sampler};

@@ -41,7 +41,9 @@ impl TracePlan {
         check_options(gpu, options)?;
         let rays = part(distribute(ir, options.budget(), options.shares.as_deref())?, options)?;
         let weights: Vec<f64> = rays.iter().map(|rays| rays.weight).collect();
-        let moments = MomentSource::of(ir, options, &weights, roulette_threshold(ir, options), additions);
+        let draws_branches = additions.of_program().iter().any(|addition| addition.draws_branches());
+        let moments =
+            MomentSource::of(ir, options, &weights, roulette_threshold(ir, options), draws_branches);
         let mut program = plain(gpu, ir, options, weights, moments);
         additions.specialise(gpu, ir, options, &mut program)?;
         let parse = |wgsl, precision, of_additions: &_| shaders.parsed(wgsl, precision, of_additions);

@@ -5,7 +5,7 @@
 //! a ray reflects with the share of those that reflect there, among those that have come as it did.
 
 use crate::error::Result;
-use crate::guide::table::{Choice, Guide, NO_NODE, PLAIN, PLAIN_SHARE, fits};
+use crate::model::guide::{Choice, Guide, NO_NODE, PLAIN, PLAIN_SHARE, fits};
 use crate::model::sequence::{Sequence, Step, StepKind};
 use crate::model::{Interaction, PathFilter, SceneIr};
 use crate::result::light_paths::{Group, groups};

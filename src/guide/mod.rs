@@ -1,13 +1,12 @@
 //! An addition to the plain loop: rays are guided to rare light, such as the ghosts of coated lenses.
 //!
 //! A pilot learns from tables of paths with which probability a ray should reflect at each face ([`learn`]). What was learned is
-//! a table ([`table`]), which a trace only reads: so parts of a trace, workers and resumed traces draw the same rays.
+//! a table ([`Guide`]), which a trace only reads: so parts of a trace, workers and resumed traces draw the same rays.
 
 pub mod learn;
-pub mod table;
 pub mod wgsl;
 
-pub use crate::guide::table::Guide;
+pub use crate::model::guide::{self as table, Guide};
 
 use crate::engine::addition::Addition;
 use crate::engine::options::{Collect, TraceOptions};

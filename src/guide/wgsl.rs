@@ -1,7 +1,7 @@
 //! Composes how rays are guided (shaders/guide): the draw of a branch, and roulette.
 
 use crate::error::Result;
-use crate::guide::table::PLAIN_SHARE;
+use crate::model::guide::PLAIN_SHARE;
 use crate::program::addition::ShaderAddition;
 use crate::program::wgsl::composition::Composition;
 use crate::program::wgsl::text::Text;

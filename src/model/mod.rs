@@ -12,6 +12,7 @@ mod coefficient_rows;
 pub mod depth;
 pub mod detectors;
 pub mod double_word;
+pub mod guide;
 mod list;
 pub(crate) mod mesh;
 pub mod path_filter;

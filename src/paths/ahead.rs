@@ -5,7 +5,7 @@
 
 use crate::model::path_filter::{Mark, Relation, Term};
 use crate::model::{Interaction, SceneIr};
-use crate::paths::wgsl::{FilterState, HAS_EVENT, is_number, joined};
+use crate::paths::filter_state::{FilterState, HAS_EVENT, is_number, joined};
 use std::fmt::Write;
 
 /// Conditions in WGSL: that an expression may come to hold, and that it may come to fail.

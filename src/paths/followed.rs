@@ -29,6 +29,12 @@ impl FollowedPaths {
         FollowedPaths { sums, filter, is_guided: false }
     }
 
+    /// The same for rays that are guided.
+    #[must_use]
+    pub fn guided(self) -> Self {
+        FollowedPaths { is_guided: true, ..self }
+    }
+
     /// What a trace with these options follows; `None` if it follows no paths.
     pub fn of(options: &TraceOptions) -> Option<Self> {
         let sums = match options.collect {

@@ -7,6 +7,7 @@
 
 mod ahead;
 mod drain;
+mod filter_state;
 pub mod followed;
 pub mod layout;
 pub mod maps;

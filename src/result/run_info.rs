@@ -1,6 +1,7 @@
 //! How a trace was run: what a report says beside the numbers.
 
 use crate::format::{plain, thousands};
+use crate::model::guide::{Guide, PLAIN_SHARE};
 use crate::result::stopped_by::StoppedBy;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -89,6 +90,17 @@ pub struct GuideInfo {
 }
 
 impl GuideInfo {
+    /// What a report says of a guide that was not learned for the trace.
+    pub fn of(guide: &Guide) -> Self {
+        GuideInfo {
+            hash: guide.hash(),
+            num_nodes: guide.num_nodes(),
+            pilot_rays: None,
+            num_rows: None,
+            most_weight: 1.0 / PLAIN_SHARE,
+        }
+    }
+
     /// A line of the report.
     pub fn line(&self) -> String {
         let learned = match (self.num_rows, self.pilot_rays) {

@@ -153,7 +153,7 @@ pub(crate) fn of(_gpu: &Gpu, options: &TraceOptions, _for_adapter: ForAdapter) -
 mod tests {
     use super::*;
     use crate::guide;
-    use crate::guide::table::{Guide, PLAIN};
+    use crate::model::guide::{Guide, PLAIN};
     use crate::model::{PathFilter, SceneIr};
     use crate::program::rewrite::jvp::Tangents;
     use crate::scene::Scene;

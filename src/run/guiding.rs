@@ -9,18 +9,9 @@ use crate::program::Sampler;
 use crate::result::GuideInfo;
 use crate::run::additions::ForAdapter;
 use crate::run::go::Settled;
-use crate::run::{Collect, RecordPaths, Run, StandardError, TraceOptions, Tracer};
+use crate::run::{Collect, Guiding, RecordPaths, Run, StandardError, TraceOptions, Tracer};
 use crate::scene::GuidedLight;
 use std::sync::Arc;
-
-/// How the rays of a run are guided.
-#[derive(Debug, Clone)]
-pub enum Guiding {
-    /// By what a pilot learns.
-    Learned(Wanted),
-    /// By a guide that was learned before.
-    Given(Arc<Guide>),
-}
 
 /// The seed of a pilot's round, which is not the seed of the trace.
 fn seed_of_round(seed: u64, round: usize) -> u64 {
@@ -68,7 +59,7 @@ impl<'a> Run<'a> {
         info.guide = Some(GuideInfo {
             pilot_rays: learned.map(|(rays, _)| rays),
             num_rows: learned.map(|(_, rows)| rows),
-            ..guide.info()
+            ..GuideInfo::of(&guide)
         });
         Ok(Settled { options: TraceOptions { guide: Some(guide), ..options }, info })
     }

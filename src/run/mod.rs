@@ -15,7 +15,7 @@ pub mod difference;
 mod differentiate;
 mod go;
 pub mod gradients;
-pub mod guiding;
+mod guiding;
 mod outcome;
 pub mod precision;
 pub mod proof;
@@ -40,9 +40,10 @@ pub use crate::run::tracer::Tracer;
 use crate::count;
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu};
+use crate::guide::Guide;
+use crate::guide::learn::Wanted;
 use crate::model::{PathFilter, SceneIr};
 use crate::run::checkpoint::Checkpoint;
-use crate::run::guiding::Guiding;
 use crate::run::precision::WantedPrecision;
 use crate::scene::Scene;
 use std::borrow::Cow;
@@ -115,6 +116,15 @@ pub enum RowStorage {
     Disk(PathBuf),
     /// Nowhere: they are only counted.
     Counted,
+}
+
+/// How the rays of a run are guided.
+#[derive(Debug, Clone)]
+pub enum Guiding {
+    /// By what a pilot learns.
+    Learned(Wanted),
+    /// By a guide that was learned before.
+    Given(Arc<Guide>),
 }
 
 /// The file in which a run saves its sums.

@@ -1,9 +1,11 @@
 //! Scenes and options that bring in each feature: alone, in pairs, and all at once.
 
 use glam::{DMat3, DVec2, DVec3};
+use nsq_gpu::TraceOptions;
 use nsq_gpu::cpu::path::hot_path::{ProfiledPath, SampledPath};
 use nsq_gpu::cpu::request::CpuRequest;
 use nsq_gpu::derivatives::Derivatives;
+use nsq_gpu::guide::{Guide, Guided};
 use nsq_gpu::model::ShapeKind;
 use nsq_gpu::model::StepKind;
 use nsq_gpu::model::path_filter::{Count, Events, Mark, Part, PathFilter, Pattern, Relation, Term};
@@ -55,6 +57,7 @@ pub struct Variant {
     pub paths: PathSampling,
     pub path_sums: PathSums,
     pub path_filter: Option<Arc<PathFilter>>,
+    pub guided: bool,
     pub queue: bool,
     pub tree: bool,
     pub uniform_bytes: u32,
@@ -522,6 +525,7 @@ impl Default for Variant {
             paths: PathSampling::None,
             path_sums: PathSums::None,
             path_filter: None,
+            guided: false,
             queue: false,
             tree: false,
             uniform_bytes: 0,
@@ -560,8 +564,15 @@ impl Variant {
     /// The program with one more addition than those of the variant.
     pub fn program_with(&self, tier: Tier, addition: &dyn ProgramAddition) -> Program {
         let follows = self.path_sums != PathSums::None || self.path_filter.is_some();
-        let paths = follows.then(|| FollowedPaths::new(self.path_sums, self.path_filter.clone()));
+        let paths = (follows || self.guided).then(|| {
+            let followed = FollowedPaths::new(self.path_sums, self.path_filter.clone());
+            if self.guided { followed.guided() } else { followed }
+        });
         let paths = paths.iter().map(|paths| paths as &dyn ProgramAddition);
+        let guide = self.guided.then(|| Arc::new(Guide::plain(&self.ir)));
+        let asked = TraceOptions { guide, path_filter: self.path_filter.clone(), ..TraceOptions::default() };
+        let guided = Guided::of(&asked);
+        let paths = paths.chain(guided.iter().map(|guided| guided as &dyn ProgramAddition));
         let derivatives = self.derivatives.iter().map(|derivatives| derivatives as &dyn ProgramAddition);
         let additions: Vec<&dyn ProgramAddition> = paths.chain(derivatives).chain([addition]).collect();
         let options = ProgramOptions {
@@ -629,7 +640,16 @@ pub fn everything_with_paths() -> Vec<Variant> {
         }
         variant
     };
-    path_sums().flat_map(|sums| [with(sums, false), with(sums, true)]).collect()
+    path_sums().flat_map(|sums| [with(sums, false), with(sums, true)]).chain(guided(with)).collect()
+}
+
+/// Guided rays, with a filter and without.
+fn guided(with: impl Fn(PathSums, bool) -> Variant) -> [Variant; 2] {
+    let mut filtered = with(PathSums::None, false);
+    filtered.guided = true;
+    filtered.ir.sampling.reflect_prob = ReflectProb::Fresnel;
+    let alone = Variant { path_filter: None, ..filtered.clone() };
+    [filtered, alone]
 }
 
 /// Every choice that has derivatives, with those of some parameters and with those of a loss, and each policy of reflection.

@@ -6,8 +6,6 @@
 use crate::error::{Error, Result};
 use crate::model::SceneIr;
 use crate::model::sequence::StepKind;
-use crate::result::GuideInfo;
-use crate::result::integrity::hex;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::path::Path;
@@ -124,18 +122,7 @@ impl Guide {
     pub fn hash(&self) -> String {
         let mut hasher = Sha256::new();
         self.words.iter().for_each(|word| hasher.update(word.to_le_bytes()));
-        hex(&hasher.finalize()[..8])
-    }
-
-    /// What a report says about it, where it was not learned for the trace.
-    pub fn info(&self) -> GuideInfo {
-        GuideInfo {
-            hash: self.hash(),
-            num_nodes: self.num_nodes(),
-            pilot_rays: None,
-            num_rows: None,
-            most_weight: 1.0 / PLAIN_SHARE,
-        }
+        hasher.finalize()[..8].iter().map(|byte| format!("{byte:02x}")).collect()
     }
 
     /// Refuses a guide of another scene.
