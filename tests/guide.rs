@@ -393,7 +393,7 @@ fn what_cannot_be_guided_is_refused() {
     let mut other = ir.clone();
     other.sampling.reflect_prob = ReflectProb::Auto;
     assert!(problem(&other, &asked).contains("--reflect-prob fresnel"));
-    other.sampling = nsq_gpu::model::Sampling { split_depth: 3, ..ir.sampling.clone() };
+    other.sampling = nsq_gpu::model::Sampling { split_depth: 3, ..ir.sampling };
     assert!(problem(&other, &asked).contains("--split-depth 0"));
     assert!(
         problem(&ir, &TraceOptions { collect: Collect::Adjoints, ..asked.clone() }).contains("derivatives")
