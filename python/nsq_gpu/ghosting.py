@@ -77,7 +77,8 @@ def ghosts(optic_or_scene: Optic | NSQScene | Mapping[str, Any] | str | os.PathL
             of the image has two.
         split_depth: Rays of fewer events follow both branches at each face. None takes 12, unless rays are guided, or the
             scene has a sampling policy of its own.
-        guide: True guides rays towards ghosts, where neither ``split_depth`` nor the scene says how
+        guide: True guides rays towards ghosts, which pays where faces are coated; False splits them, which pays where faces are
+            bare. It counts where neither ``split_depth`` nor the scene says how
             it is sampled.
         max_depth: Largest number of events of a ray. None takes 4 for each face that refracts, but at least 16.
         precision: As that of :class:`nsq_gpu.NsqGpuBackend`.
@@ -98,7 +99,7 @@ def ghosts(optic_or_scene: Optic | NSQScene | Mapping[str, Any] | str | os.PathL
     refracting = _refracting(lens.scene, exported)
     name = _detector(exported.document["detectors"], detector)
     options = {"num-rays": rays, "seed": whole_number("seed", seed), "precision": precision, "adapter": adapter, "detector": name,
-               "group": group, "split-depth": split_depth,
+               "group": group, "top": 2 * top, "split-depth": split_depth,
                "max-depth": max(16, _EVENTS * len(refracting)) if max_depth is None else whole_number("max_depth", max_depth)}
     command = [program, "paths", *_arguments(options, guide, lens.scene)]
     found, known = Ghosts(lens.scene, name, lens.unit, top, [], rays), set[str]()
