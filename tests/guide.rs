@@ -128,7 +128,7 @@ fn intervals_of_ghosts_hold_as_often_as_they_say() {
     const NUM_RAYS: u64 = 6000;
     for (name, reflectance, filter) in [
         ("double_gauss", Some(0.002), None),
-        ("ball_lens_ghosts", None, None),
+        ("cooke_triplet", None, None),
         ("double_gauss", Some(0.002), Some("reflections == 2")),
     ] {
         let mut ir = reflectance.map_or_else(|| zoo::load(name), |reflectance| coated(name, reflectance));
