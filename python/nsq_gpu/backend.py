@@ -222,7 +222,7 @@ class NsqGpuBackend(TracerBackend):
             options["where"] = self.where
         if self.guide:
             options["guide"] = "on"
-            if max_depth == OPTILANDS_DEPTH:
+            if self.max_depth is None and max_depth == OPTILANDS_DEPTH:
                 # Ghosts pass a lens three times: the program knows how deep that is.
                 del options["max_depth"]
         if record_paths:

@@ -46,7 +46,33 @@ RANK_FIELDS = np.dtype([
 ])
 
 
-class PathTable(Displayed, np.ndarray):
+class _Table(Displayed, np.ndarray):
+    """A structured array that shows itself as a table while it has all columns, and an axis of rows."""
+
+    _FIELDS: np.dtype
+
+    def __getitem__(self, key: Any) -> Any:
+        found = super().__getitem__(key)
+        is_table = isinstance(found, _Table) and found.dtype.names is not None
+        return found if is_table or not isinstance(found, _Table) else found.view(np.ndarray)
+
+    def _labelled(self, *in_watts: str) -> Any:
+        return labelled_table({name: self[name] for name in self.dtype.names or ()}, dict.fromkeys(in_watts, "W"))
+
+    def __repr__(self) -> str:
+        return super().__repr__() if self._is_table() else np.ndarray.__repr__(self)
+
+    def __str__(self) -> str:
+        return repr(self)
+
+    def _repr_html_(self) -> str | None:
+        return super()._repr_html_() if self._is_table() else None
+
+    def _is_table(self) -> bool:
+        return self.dtype == self._FIELDS and self.ndim == 1
+
+
+class PathTable(_Table):
     """The paths of a trace: a structured array with a row for each sequence of events, the most flux first.
 
     ``table["flux"]`` is a column and ``table[0]`` a row. ``table[table["reflections"] == 2]`` is a table of those rows.
@@ -69,6 +95,7 @@ class PathTable(Displayed, np.ndarray):
     ==================  ============================================================================================
     """
 
+    _FIELDS = FIELDS
     #: The text of the scene that was traced, as far as it is known.
     _scene: str | None = None
     #: The faces whose coatings are others than in the trace, with old and new R and T; empty where there are none.
@@ -160,32 +187,13 @@ class PathTable(Displayed, np.ndarray):
         table.recoated = tuple(recoated)
         return table
 
-    def __getitem__(self, key: Any) -> Any:
-        found = super().__getitem__(key)
-        is_table = isinstance(found, PathTable) and found.dtype.names is not None
-        return found if is_table or not isinstance(found, PathTable) else found.view(np.ndarray)
-
     def to_pandas(self) -> Any:
         """Return a ``pandas.DataFrame`` with the same columns; ``attrs["units"]`` has the units of those in watts.
 
         Raises:
             MissingLibraryError: pandas is not installed (``pip install 'nsq-gpu[pandas]'``).
         """
-        return labelled_table({name: self[name] for name in self.dtype.names or ()},
-                              {"flux": "W", "standard_error": "W", "upper_bound_95": "W"})
-
-    def __repr__(self) -> str:
-        return super().__repr__() if self._is_table() else np.ndarray.__repr__(self)
-
-    def __str__(self) -> str:
-        return repr(self)
-
-    def _repr_html_(self) -> str | None:
-        return super()._repr_html_() if self._is_table() else None
-
-    def _is_table(self) -> bool:
-        """Tell whether it has all columns, and an axis of rows."""
-        return self.dtype == FIELDS and self.ndim == 1
+        return self._labelled("flux", "standard_error", "upper_bound_95")
 
     def _summary(self) -> Summary:
         headings = ["rank", "flux [W]", "share", "error [W]", "detector", "sequence"]
@@ -195,7 +203,7 @@ class PathTable(Displayed, np.ndarray):
         return Summary(f"PathTable: {len(self)} paths", headings, rows, len(self))
 
 
-class CoatingTable(Displayed, np.ndarray):
+class CoatingTable(_Table):
     """Faces by how much their coatings matter: a structured array, the face first whose removal takes most flux.
 
     ==================  ============================================================================================
@@ -209,10 +217,7 @@ class CoatingTable(Displayed, np.ndarray):
     ==================  ============================================================================================
     """
 
-    def __getitem__(self, key: Any) -> Any:
-        found = super().__getitem__(key)
-        is_table = isinstance(found, CoatingTable) and found.dtype.names is not None
-        return found if is_table or not isinstance(found, CoatingTable) else found.view(np.ndarray)
+    _FIELDS = RANK_FIELDS
 
     def to_pandas(self) -> Any:
         """Return a ``pandas.DataFrame`` with the same columns; ``attrs["units"]`` has the units of those in watts.
@@ -220,20 +225,7 @@ class CoatingTable(Displayed, np.ndarray):
         Raises:
             MissingLibraryError: pandas is not installed (``pip install 'nsq-gpu[pandas]'``).
         """
-        return labelled_table({name: self[name] for name in self.dtype.names or ()},
-                              {"derivative": "W", "standard_error": "W"})
-
-    def __repr__(self) -> str:
-        return super().__repr__() if self._is_table() else np.ndarray.__repr__(self)
-
-    def __str__(self) -> str:
-        return repr(self)
-
-    def _repr_html_(self) -> str | None:
-        return super()._repr_html_() if self._is_table() else None
-
-    def _is_table(self) -> bool:
-        return self.dtype == RANK_FIELDS and self.ndim == 1
+        return self._labelled("derivative", "standard_error")
 
     def _summary(self) -> Summary:
         headings = ["face", "R", "dF/dR [W]", "error [W]", "of ghosts", ""]

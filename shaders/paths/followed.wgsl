@@ -4,6 +4,8 @@
 //
 // A path is a few words. Each part of the path changes them: the source, each event of a ray that goes on, and the end.
 // `extend_path`, which is composed, knows what the words are: the sequence's key, and the state of a filter.
+//
+// The loop calls `interact` and others, which stand in ending.late.wgsl, or in ending.early.wgsl.
 
 var<private> path: array<u32, PATH_WORDS>;
 
@@ -20,13 +22,13 @@ const ELSEWHERE: u32 = 7u;
 // What the event does to the ray. A mirror that does not scatter reflects.
 var<private> step_kind: u32 = REFLECTED;
 
-fn generate(index: u32) -> Ray {
+fn followed_generate(index: u32) -> Ray {
     start_path();
     extend_path(FROM_SOURCE, range.source);
     return plain_generate(index);
 }
 
-fn interact(ray: ptr<function, Ray>, surface: Surface, primitive: u32) {
+fn followed_interact(ray: ptr<function, Ray>, surface: Surface, primitive: u32) {
     step_kind = REFLECTED;
     plain_interact(ray, surface, primitive);
     if (*ray).fate == ALIVE {
@@ -52,13 +54,13 @@ fn splat(ray: Ray, index: u32, ends: bool) {
 }
 
 // What an invocation keeps goes to memory.
-fn flush_bins() {
+fn followed_flush_bins() {
     flush_path();
     plain_flush_bins();
 }
 
 // Ends of rays that no detector records. Their places follow those of the detectors, as in model::sequence.
-fn deposit_fate(ray: Ray) {
+fn followed_deposit_fate(ray: Ray) {
     if PATHS_HAVE_ENDS && keeps_path(NONE) {
         if ray.fate == ABSORBED {
             sum_up_path(ray, ON_ABSORBER, ray.last, NUM_DETECTORS + ray.last);

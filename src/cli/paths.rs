@@ -5,11 +5,10 @@ use crate::cli::device_args::DeviceArgs;
 use crate::cli::pictures::PictureArgs;
 use crate::cli::progress::{self, Mode};
 use crate::cli::stops::stop_on_interrupt;
-use crate::cli::trace_args::{GuideArg, SamplerArg, StandardErrorArg, TraceArgs, write_guide};
+use crate::cli::trace_args::{SamplerArg, StandardErrorArg, TraceArgs, write_guide};
 use crate::count;
 use crate::error::{Error, Result};
 use crate::format::pretty_json;
-use crate::guide::learn::Wanted;
 use crate::model::SceneIr;
 use crate::paths::rows::{PathMap, TableOptions, detector_of, flux_unit, table_with_maps};
 use crate::paths::what_if;
@@ -164,19 +163,23 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         // Rows have errors of their own.
         options.standard_error = if has_errors.is_some() { StandardError::On } else { StandardError::Off };
     });
-    if args.trace.guide == GuideArg::On {
-        let filter = run.filter();
-        let top = args.top.clamp(1, 1 << 20) as usize;
-        run = run.guide(Wanted { detector: listing.detector, filter, group: listing.group, top });
-    }
+    run = run.change_guide(|wanted| {
+        (wanted.detector, wanted.group) = (listing.detector, listing.group);
+        wanted.top = args.top.clamp(1, 1 << 20) as usize;
+    });
     run.start = start;
     let mut shown = progress::shown(args.progress, &stop);
     let outcome = run.go_with(move |pass| Ok(shown(&pass.status)))?;
     let Outcome { mut result, tally, options, found_paths, .. } = outcome;
-    write_guide(guide_file, &options)?;
+    let mut failure = write_guide(guide_file, &options).err();
     listing.is_guided = options.guide.is_some();
     let found = found_paths.iter().map(|(path, at)| (path, *at)).collect();
-    let coating_warnings = what_if::check_recoating(&ir, &options, &tally, &listing)?;
+    let coating_warnings =
+        what_if::check_recoating(&ir, &options, &tally, &listing).unwrap_or_else(|error| {
+            // The table is printed all the same, as it was traced.
+            (listing.recoating, failure) = (Recoating::default(), Some(error));
+            Vec::new()
+        });
     let mut traced =
         table_with_maps(&gpu, &ir, &options, &tally, &found, &listing, || !stop.load(Ordering::Relaxed))?;
     traced.table.coating_warnings = coating_warnings;
@@ -187,7 +190,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         say("the second trace was interrupted: there are no centroids and no peaks");
     }
     let is_stopped = result.run.stopped_by == Some(StoppedBy::Interrupt) || !traced.is_whole;
-    let mut failure = is_stopped.then_some(Error::Interrupted);
+    failure = failure.or(is_stopped.then_some(Error::Interrupted));
     if let Some(dir) = &args.output {
         let unit = flux_unit(&ir, &tally, result.run.num_rays);
         let rows = traced.table.paths.iter().zip(&traced.maps).take(num_written);

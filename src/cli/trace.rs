@@ -167,7 +167,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     }
     let mut shown = progress::shown(args.progress, &stop);
     let outcome = run.go_with(move |pass| Ok(shown(&pass.status)))?;
-    write_guide(guide_file, &outcome.options)?;
+    let unwritten = write_guide(guide_file, &outcome.options).err();
     let path = args.checkpoint.as_deref().unwrap_or(Path::new(""));
     if let Saved::Kept(rays_there) = outcome.saved {
         say(&format!(
@@ -184,7 +184,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         Saved::Failed(error) => Some(error.clone()),
         Saved::NoFile | Saved::Written | Saved::Kept(_) => None,
     };
-    ended(printed, unsaved.or_else(|| failure(result)))
+    ended(printed, unsaved.or(unwritten).or_else(|| failure(result)))
 }
 
 /// True if a path is that of a file of one of these names in a folder.

@@ -54,7 +54,7 @@ const SHARE_OF_TRACE: f64 = 0.125;
 const FEWEST_RAYS: u64 = 1 << 15;
 const MOST_RAYS: u64 = 1 << 17;
 /// Reflections and scatterings up to which exploring rays reflect on purpose.
-const MOST_EXPLORED: usize = 4;
+pub(super) const MOST_EXPLORED: usize = 4;
 /// Faces that an exploring ray is taken to pass, before a pilot has counted them.
 const FACES_AT_FIRST: usize = 12;
 /// Most sequences that a guide follows.

@@ -14,7 +14,9 @@ use crate::engine::plan::TracePlan;
 use crate::engine::stages::ExtraBindings;
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
+use crate::guide::learn::MOST_EXPLORED;
 use crate::guide::wgsl::GuideShader;
+use crate::model::guide::fits;
 use crate::model::surface_optics::splits;
 use crate::model::{ReflectProb, SceneIr};
 use crate::program::ProgramOptions;
@@ -83,6 +85,11 @@ pub fn check(ir: &SceneIr, options: &TraceOptions) -> Result<()> {
     if splits(ir) {
         return usage(
             "a guide chooses one branch of two, and split_depth follows both; leave one of them out (--split-depth 0)",
+        );
+    }
+    if !fits(1 + ir.sources.len() + MOST_EXPLORED, ir) {
+        return usage(
+            "the scene has so many sources and faces that a guide for them would be larger than 64 MiB; leave out the guide",
         );
     }
     if matches!(options.collect, Collect::Tangents(_) | Collect::Adjoints) {

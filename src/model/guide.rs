@@ -54,7 +54,7 @@ pub struct Choice {
 /// A choice that guides nowhere.
 pub const PLAIN: Choice = Choice { reflect: None, next: [NO_NODE; 3] };
 
-/// Words of the tables of so many nodes, unless they are too many.
+/// True if a table of so many nodes is no larger than a table may be.
 pub fn fits(num_nodes: usize, ir: &SceneIr) -> bool {
     num_nodes * ir.surfaces.len().max(1) * WORDS <= MOST_WORDS
 }

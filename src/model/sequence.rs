@@ -5,6 +5,7 @@
 //! that a table can sum up rays by their sequences (shaders/paths/sequence.wgsl).
 
 use crate::model::SceneIr;
+use crate::model::surface_optics::splits;
 use serde::{Deserialize, Serialize};
 
 /// What a surface did to a ray that went on.
@@ -168,6 +169,12 @@ impl End {
             End::Detector(number) => Some(number as usize),
             End::Absorbed(_) | End::Missed | End::DepthLimit | End::Roulette => None,
         }
+    }
+
+    /// True if a ray comes to the end by one sequence at most: only where rays are split or pass a detector do more lead
+    /// there.
+    pub(crate) fn is_exclusive(self, ir: &SceneIr) -> bool {
+        !splits(ir) && self.detector().is_none_or(|number| ir.detectors[number].absorb)
     }
 }
 

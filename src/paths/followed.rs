@@ -29,10 +29,10 @@ impl FollowedPaths {
         FollowedPaths { sums, filter, is_guided: false }
     }
 
-    /// The same for rays that are guided.
+    /// The same for rays that are guided, if they are.
     #[must_use]
-    pub fn guided(self) -> Self {
-        FollowedPaths { is_guided: true, ..self }
+    pub fn guided(self, is_guided: bool) -> Self {
+        FollowedPaths { is_guided, ..self }
     }
 
     /// What a trace with these options follows; `None` if it follows no paths.
@@ -45,7 +45,7 @@ impl FollowedPaths {
         };
         let (filter, is_guided) = (options.path_filter.clone(), options.guide.is_some());
         let is_followed = sums != PathSums::None || filter.is_some() || is_guided;
-        is_followed.then(|| FollowedPaths { is_guided, ..FollowedPaths::new(sums, filter) })
+        is_followed.then(|| FollowedPaths::new(sums, filter).guided(is_guided))
     }
 
     /// The same as the additions of a second trace, with the guide of the first; none if it follows no paths.

@@ -64,13 +64,7 @@ impl ShaderAddition for PathShader {
             _ => &[],
         };
         let always = [
-            (
-                "stages/path",
-                match self.ends_early() {
-                    true => shader!("paths/followed.early.wgsl"),
-                    false => shader!("paths/followed.wgsl"),
-                },
-            ),
+            ("stages/path", shader!("paths/followed.wgsl")),
             ("stages/lobe", shader!("paths/lobes.wgsl")),
             ("stages/family", shader!("paths/families.wgsl")),
             ("stages/queue_entry", shader!("paths/queued.wgsl")),
@@ -119,7 +113,12 @@ impl PathShader {
             true => shader!("paths/replayed.families.wgsl"),
             false => shader!("paths/replayed.alone.wgsl"),
         };
+        let ending = match self.ends_early() {
+            true => shader!("paths/ending.early.wgsl"),
+            false => shader!("paths/ending.late.wgsl"),
+        };
         let files = [
+            (true, ending),
             (true, sums),
             (matches!(self.sums, PathSums::Events { .. }), replayed),
             (self.sums != PathSums::None, shader!("paths/sequence.wgsl")),

@@ -5,8 +5,8 @@ use crate::error::Result;
 use crate::model::{SceneIr, Sequence};
 use crate::paths::rows::{TableOptions, Traced, flux_unit, listed};
 use crate::program::Sampler;
-use crate::result::coating_rank::{self, BrightestGhost, GHOST_REFLECTIONS, Ghost, Ghosts, is_ghost};
-use crate::result::light_paths::{Group, is_exclusive};
+use crate::result::coating_rank::{self, BrightestGhost, GHOST_REFLECTIONS, Ghost, Ghosts};
+use crate::result::light_paths::Group;
 use crate::result::{FluxUnit, Grouping, PathTally, Recoating, Tally};
 
 /// Checks that the table has the light of the new coatings, and adds warnings to it.
@@ -43,17 +43,12 @@ pub fn rank_coatings(
     let sums = tally.path_sums.as_ref().unwrap_or(&empty);
     let rows = as_traced(ir, trace, tally, sums, options);
     let groups = listed(ir, tally, sums, flux_unit(ir, tally, trace.num_rays), trace.sampler, options);
-    let all: Vec<Ghost> = rows
-        .iter()
-        .filter(|group| is_ghost(group.sequences[0]))
-        .map(|group| Ghost {
-            sequence: group.sequences[0],
-            flux: group.row.flux,
-            standard_error: group.row.standard_error,
-        })
-        .collect();
-    let are_exclusive = all.iter().all(|ghost| is_exclusive(ir, ghost.sequence.end));
-    let ghosts = Ghosts { all, are_exclusive, brightest: brightest(traced, &groups) };
+    let paths = rows.iter().map(|group| Ghost {
+        sequence: group.sequences[0],
+        flux: group.row.flux,
+        standard_error: group.row.standard_error,
+    });
+    let ghosts = Ghosts { brightest: brightest(traced, &groups), ..Ghosts::among(ir, paths) };
     traced.table.coatings = Some(coating_rank::rank(ir, &options.recoating, &ghosts));
     traced.table.coating_warnings.extend(coating_rank::warnings(ir, &ghosts));
 }

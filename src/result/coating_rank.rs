@@ -68,8 +68,17 @@ pub struct Ghosts<'a> {
     pub brightest: Option<BrightestGhost<'a>>,
 }
 
+impl<'a> Ghosts<'a> {
+    /// The ghosts among paths, of which none has a map.
+    pub fn among(ir: &SceneIr, paths: impl Iterator<Item = Ghost<'a>>) -> Self {
+        let all: Vec<Ghost> = paths.filter(|path| is_ghost(path.sequence)).collect();
+        let are_exclusive = all.iter().all(|ghost| ghost.sequence.end.is_exclusive(ir));
+        Ghosts { all, are_exclusive, brightest: None }
+    }
+}
+
 /// True for a path that counts as a ghost.
-pub fn is_ghost(sequence: &Sequence) -> bool {
+fn is_ghost(sequence: &Sequence) -> bool {
     sequence.end.detector().is_some() && sequence.reflections() >= GHOST_REFLECTIONS
 }
 

@@ -211,7 +211,7 @@ pub fn groups<'a>(
                 && !sums.squares_overflowed
                 && !(branches_scatter && members.iter().any(|member| member.sequence.scatterings() > 0));
             let error = is_known.then(|| {
-                let quanta = error_of(&members, &launched, is_exclusive(ir, first.end));
+                let quanta = error_of(&members, &launched, first.end.is_exclusive(ir));
                 unit.watts_of_weight(quanta / QUANTA_PER_WEIGHT) * largest
             });
             let (sequence, steps, filter) = described(ir, &common, first);
@@ -249,11 +249,6 @@ pub fn groups<'a>(
     let ranked =
         (1..).zip(rows).map(|(rank, (_, group))| Group { row: LightPath { rank, ..group.row }, ..group });
     ranked.collect()
-}
-
-/// True if a ray comes to an end by one sequence at most: only where rays are split or pass a detector do more lead there.
-pub(crate) fn is_exclusive(ir: &SceneIr, end: End) -> bool {
-    !splits(ir) && end.detector().is_none_or(|number| ir.detectors[number].absorb)
 }
 
 /// Scales the sums of a row by their factors, relative to the largest one, which is returned: sums are whole numbers, which

@@ -26,7 +26,16 @@ impl<'a> Run<'a> {
         Run { guiding: Some(Guiding::Learned(wanted)), ..self }
     }
 
-    /// Guides rays by what an earlier run has learned ([`crate::Outcome::guide`]).
+    /// Changes to which light rays are guided, where a pilot learns that.
+    #[must_use]
+    pub fn change_guide(mut self, change: impl FnOnce(&mut Wanted)) -> Self {
+        if let Some(Guiding::Learned(wanted)) = &mut self.guiding {
+            change(wanted);
+        }
+        self
+    }
+
+    /// Guides rays by what an earlier run has learned: the guide among the options of its [`crate::Outcome`].
     #[must_use]
     pub fn guide_by(self, guide: Arc<Guide>) -> Self {
         Run { guiding: Some(Guiding::Given(guide)), ..self }

@@ -42,7 +42,7 @@ use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu};
 use crate::guide::Guide;
 use crate::guide::learn::Wanted;
-use crate::model::{PathFilter, SceneIr};
+use crate::model::SceneIr;
 use crate::run::checkpoint::Checkpoint;
 use crate::run::precision::WantedPrecision;
 use crate::scene::Scene;
@@ -191,11 +191,6 @@ impl<'a> Run<'a> {
     /// The scene as it is traced.
     pub fn model(&self) -> &SceneIr {
         &self.model
-    }
-
-    /// The filter of paths, if there is one.
-    pub fn filter(&self) -> Option<Arc<PathFilter>> {
-        self.options.path_filter.clone()
     }
 
     /// Changes the scene that is traced, such as its sampling.

@@ -564,10 +564,8 @@ impl Variant {
     /// The program with one more addition than those of the variant.
     pub fn program_with(&self, tier: Tier, addition: &dyn ProgramAddition) -> Program {
         let follows = self.path_sums != PathSums::None || self.path_filter.is_some();
-        let paths = (follows || self.guided).then(|| {
-            let followed = FollowedPaths::new(self.path_sums, self.path_filter.clone());
-            if self.guided { followed.guided() } else { followed }
-        });
+        let followed = || FollowedPaths::new(self.path_sums, self.path_filter.clone()).guided(self.guided);
+        let paths = (follows || self.guided).then(followed);
         let paths = paths.iter().map(|paths| paths as &dyn ProgramAddition);
         let guide = self.guided.then(|| Arc::new(Guide::plain(&self.ir)));
         let asked = TraceOptions { guide, path_filter: self.path_filter.clone(), ..TraceOptions::default() };

@@ -8,11 +8,10 @@ mod traces;
 use crate::cli::device_args::DeviceArgs;
 use crate::cli::progress;
 use crate::cli::serve::frames::Incoming;
-use crate::cli::serve::requests::{RecoatRequest, Request, TraceRequest};
+use crate::cli::serve::requests::{PathRow, RecoatRequest, Request, TraceRequest};
 use crate::error::{Error, Result};
 use crate::model::Sequence;
-use crate::result::coating_rank::{self, Ghost, Ghosts, is_ghost};
-use crate::result::light_paths::is_exclusive;
+use crate::result::coating_rank::{self, Ghost, Ghosts};
 use crate::result::{Recoating, Report, TraceResult, npz_files, report};
 use crate::run::gradients::LossWithEdges;
 use crate::run::{LossDerivatives, Next, Session, Status, missed_target};
@@ -206,12 +205,12 @@ fn recoat(request: &RecoatRequest) -> Result<Value> {
         "recoated": recoating.recoated(),
     });
     if request.rank {
-        let rows = paths.iter().zip(&request.rows).filter(|(path, _)| is_ghost(path));
-        let all: Vec<Ghost> = rows
-            .map(|(sequence, row)| Ghost { sequence, flux: row.flux, standard_error: row.standard_error })
-            .collect();
-        let are_exclusive = all.iter().all(|ghost| is_exclusive(&ir, ghost.sequence.end));
-        let ghosts = Ghosts { all, are_exclusive, brightest: None };
+        let ghost = |(sequence, row): (_, &PathRow)| Ghost {
+            sequence,
+            flux: row.flux,
+            standard_error: row.standard_error,
+        };
+        let ghosts = Ghosts::among(&ir, paths.iter().zip(&request.rows).map(ghost));
         found["coatings"] = json!(coating_rank::rank(&ir, &recoating, &ghosts));
         warnings.extend(coating_rank::warnings(&ir, &ghosts));
     }
