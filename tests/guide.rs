@@ -9,9 +9,9 @@ mod command;
 mod zoo;
 
 use command::{run, stderr};
+use zoo::{guided, sum_and_error};
 
-use nsq_gpu::guide::Guide;
-use nsq_gpu::guide::learn::{Wanted, learn};
+use nsq_gpu::guide::learn::Wanted;
 use nsq_gpu::guide::table::PLAIN_SHARE;
 use nsq_gpu::model::{PathFilter, ReflectProb, SceneIr, StepKind};
 use nsq_gpu::paths::rows::{TableOptions, flux_unit, table};
@@ -23,24 +23,6 @@ use std::sync::Arc;
 
 fn with_table(num_rays: u64, seed: u64, precision: Precision) -> TraceOptions {
     TraceOptions { collect: Collect::paths(), max_depth: 40, ..zoo::options(num_rays, seed, precision) }
-}
-
-/// The same options, guided by what a pilot for so many rays learns.
-fn guided(ir: &SceneIr, options: &TraceOptions, num_rays: u64, wanted: &Wanted) -> TraceOptions {
-    let cache = PipelineCache::new();
-    let shaders = Shaders { cache: Some(&cache), edit: None };
-    let pilot = |guide: &Guide, num_rays, round| {
-        let options = TraceOptions {
-            num_rays,
-            seed: options.seed + 1000 * (round as u64 + 1),
-            guide: Some(Arc::new(guide.clone())),
-            collect: Collect::paths(),
-            ..options.clone()
-        };
-        Tracer::with(zoo::gpu(), ir, &options, ForAdapter::WhatPays, shaders)?.trace(|_| true)
-    };
-    let learned = learn(ir, wanted, num_rays, pilot).unwrap();
-    TraceOptions { guide: Some(Arc::new(learned.guide)), ..options.clone() }
 }
 
 /// The rows of a table, by their sequences: flux and standard error \[W\].
@@ -58,12 +40,6 @@ fn coated(name: &str, reflectance: f64) -> SceneIr {
 
 fn ledger_closes(ir: &SceneIr, options: &TraceOptions, tally: &Tally, what: &str) {
     assert_eq!(zoo::result_of(ir, options, tally).ledger.imbalance_quanta, 0, "{what}");
-}
-
-/// Flux in units of a new ray's weight, and its error, of a sum over rays.
-fn sum_and_error(sum: &PathSum, num_rays: u64) -> [f64; 2] {
-    let [sum, squares] = [sum.quanta, sum.squares].map(|quanta| quanta as f64 / QUANTA_PER_WEIGHT);
-    [sum, (squares - sum * sum / num_rays as f64).max(0.0).sqrt()]
 }
 
 /// What rows and ends get is the same on average, for each of these scenes; every second one is coated.

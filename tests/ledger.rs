@@ -68,13 +68,13 @@ fn ledgers_close_in_f64_with_pairs_of_integers() {
     assert_ledgers_close(Precision::F64, false);
 }
 
-/// Branches of all sizes: gains of up to 50 before a split, roulette between splits, budgets that are used up.
-#[test]
-fn every_ledger_closes_where_rays_are_split() {
+/// Branches of all sizes: gains of up to 50 before a split, roulette between splits, budgets that are used up. Of every so
+/// many scenes one is traced.
+fn check_split_rays(every: usize) {
     let refracts = |ir: &SceneIr| ir.surfaces.iter().any(|s| s.interaction == Interaction::Refractive);
     let scenes =
         zoo::scenes().into_iter().map(|name| (zoo::load(&name), name)).filter(|(ir, _)| refracts(ir));
-    for (i, (mut ir, name)) in scenes.enumerate() {
+    for (i, (mut ir, name)) in scenes.enumerate().step_by(every) {
         let reflect_prob = POLICIES[i % POLICIES.len()];
         ir.sampling = Sampling { reflect_prob, rr_start_flux: 0.1, split_depth: 4, split_budget: 3.5 };
         let precision = [Precision::F64, Precision::F32, Precision::Df64][i % 3];
@@ -83,6 +83,17 @@ fn every_ledger_closes_where_rays_are_split() {
         let ledger = zoo::result_of(&ir, &options, &tally).ledger;
         assert_eq!((ledger.imbalance_quanta, ledger.invalid_deposits), (0, 0), "{name}, {precision:?}");
     }
+}
+
+#[test]
+fn some_ledgers_close_where_rays_are_split() {
+    check_split_rays(4);
+}
+
+#[test]
+#[ignore = "long"]
+fn every_ledger_closes_where_rays_are_split() {
+    check_split_rays(1);
 }
 
 /// Traces what makes more rounds of loops than lavapipe allows: where they are cut, the trace is refused with this advice.

@@ -277,7 +277,7 @@ fn a_wavelength_and_the_spectrum_of_a_pixel_are_those_of_the_file() {
     let Picture::Map { field, .. } = picture.as_ref() else { panic!("a spectral detector is a map") };
     let lux: f64 = (0..bins)
         .map(|bin| {
-            irradiance[(ny / 2, nx / 2, bin)] * nsq_gpu::viewer::photometry::efficacy(wavelengths[bin]) * 1e6
+            irradiance[(ny / 2, nx / 2, bin)] * nsq_gpu::model::photometry::efficacy(wavelengths[bin]) * 1e6
         })
         .sum();
     assert!((field.values[(ny / 2, nx / 2)] / lux - 1.0).abs() < 1e-12);

@@ -50,6 +50,12 @@ _LONG = 100_000
 _RETRIES = 3
 #: The sums in a folder of results.
 _TALLY = "tally.bin"
+#: What guides rays, in the folder of a trace.
+_GUIDE = "guide.json"
+#: Time limit of a trace that learns a guide: its pilot has no limit, and the first rays are enough.
+_AT_ONCE = "1ms"
+#: Options that say what guides rays.
+_OF_GUIDES = ("guide", "guide_from", "guide_to")
 
 
 class Provenance(NamedTuple):
@@ -85,6 +91,10 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
     The bits are those of ``nsq-gpu trace -n NUM_RAYS`` with ``--strict``, where the adapters allow strict arithmetic.
     Workers may come at any time, and the call waits for them.
 
+    With ``guide=True`` this process learns the guide once, for a trace of ``num_rays``, and sends it to all workers. So it is
+    where the scene itself asks for a guide. The bits are those of ``--guide``, where the adapter here is as the workers'. Rays
+    may then need a larger ``max_depth``, such as four events a face.
+
     Args:
         scene: The live scene.
         num_rays: Rays to launch; with a target error the most of them.
@@ -101,11 +111,11 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
             which rays.
         target_error: Largest relative error, such as ``0.01`` or ``"1%"``. The result is the shortest prefix of the ranges,
             two or more, that is as certain as that. So it does not depend on who was fast, and its bits are those of
-            ``-n`` that many rays ``--of-rays NUM_RAYS``. Ranges beyond it are thrown away.
+            ``-n`` that many rays ``--of-rays NUM_RAYS``, guided by what was learned for all. Ranges beyond it are thrown away.
         timeout: Longest time of the call [s], waits for workers included.
         progress: As that of :class:`nsq_gpu.NsqGpuBackend`; a range counts when it is done.
         options: Further options of ``nsq-gpu trace`` by their names, such as ``paths=True``. The table of paths is that
-            of one trace of all rays.
+            of one trace of all rays. Files of ``guide_from`` and ``guide_to`` are read and written here alone.
 
     Raises:
         NsqGpuError: One of its subclasses, by what went wrong.
@@ -120,9 +130,6 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
     if options.pop("proof", False):
         raise UsageError("proof: the result of a cluster is in memory, without the sums that a proof stands beside; trace parts "
                          "by `nsq-gpu trace --first-ray N --proof -o DIR`, and add them up by `nsq-gpu merge`")
-    if options.pop("guide", False):
-        raise UsageError("guide: parts share what one pilot learned; learn it by `nsq-gpu trace --guide --guide-to FILE`, and "
-                         "give guide_from=FILE, a place that every worker can read")
     deadline = _Deadline(timeout)
     target = None if target_error is None else _fraction(target_error)
     exported = export(scene)
@@ -137,8 +144,12 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
         options["standard_error"] = "on"
     with tempfile.TemporaryDirectory(prefix="nsq-gpu-") as name:
         folder = Path(name)
-        traced = {"num_rays": num_rays, "seed": seed, "max_depth": max_depth, "precision": precision, **options}
+        guiding = _guiding(options, exported.document.get("nsq_gpu", {}).get("sampling"), folder)
+        options = {name: value for name, value in options.items() if name not in _OF_GUIDES}
+        traced = {"num_rays": num_rays, "seed": seed, "max_depth": max_depth, "precision": precision, **options, **guiding}
         decided = _decide(program, text, folder, traced, timeout)
+        file = guiding.get("guide_from", guiding.get("guide_to"))
+        guide = None if file is None else Path(file).read_text(encoding="utf-8")
         arguments = [f"--{name.replace('_', '-')}={value}" for name, value in
                      {"seed": seed, "max_depth": max_depth, "of_rays": num_rays, **decided, **options}.items()]
 
@@ -165,7 +176,7 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
                 counted = Counter(shown, num_rays)
                 calls = [(first, count, arguments, binary) for first, count in ranges]
                 with closing(_answers(used, trace_range, text, calls, program, any_driver, deadline,
-                                      in_order=target is not None)) as answers:
+                                      in_order=target is not None, guide=guide)) as answers:
                     for place, answer in answers:
                         if isinstance(answer, NsqGpuError):
                             raise answer
@@ -223,12 +234,19 @@ def sweep(scene: NSQScene, numbers: Mapping[str, Sequence[float]], num_rays: int
         return run_points(trace_all, numbers, zip, common_draws, maps)
 
 
-def trace_range(text: str, first: int, count: int, arguments: Sequence[str], binary: str | None) -> Traced:
-    """Trace rays ``first`` to ``first + count`` of a scene's text; return the bytes of their tally."""
+def trace_range(text: str, first: int, count: int, arguments: Sequence[str], binary: str | None,
+                guide: str | None = None) -> Traced:
+    """Trace rays ``first`` to ``first + count`` of a scene's text; return the bytes of their tally.
+
+    ``guide`` is the text of a file that ``--guide-to`` wrote.
+    """
     program = find_binary(binary)
     with tempfile.TemporaryDirectory(prefix="nsq-gpu-") as name:
         folder = Path(name)
         (folder / "scene.json").write_text(text, encoding="utf-8")
+        if guide is not None:
+            (folder / _GUIDE).write_text(guide, encoding="utf-8")
+            arguments = [*arguments, f"--guide-from={_GUIDE}"]
         try:
             _run(folder, [program, "trace", "scene.json", *_range(first, count), *arguments, "--progress=never", "--output=out",
                           "--no-pictures"])
@@ -351,8 +369,8 @@ def _connected(address: str, deadline: _Deadline) -> Any:
 
 
 def _answers(client: Any, task: Callable[..., Traced], text: str, calls: Sequence[tuple[Any, ...]], program: str,
-             any_driver: bool, deadline: _Deadline, in_order: bool) -> Iterator[tuple[int, Any]]:
-    """Submit calls with the scene's text; yield the place and the answer of each when it is done, or in their order.
+             any_driver: bool, deadline: _Deadline, in_order: bool, guide: str | None = None) -> Iterator[tuple[int, Any]]:
+    """Submit calls with the scene's text, and a guide's; yield place and answer of each when it is done, or in their order.
 
     The first calls have the highest priority. Whatever ends this cancels what is left.
     """
@@ -361,8 +379,9 @@ def _answers(client: Any, task: Callable[..., Traced], text: str, calls: Sequenc
     with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"}):
         # A long text is the result of a task: it needs no worker yet, and is computed again where it is lost. A short one
         # goes with each task, because Dask prefers workers that have what a task takes, and would leave others idle.
-        shared = client.submit(str, text, pure=False) if len(text) > _LONG else text
-        tasks = [client.submit(task, shared, *arguments, pure=False, retries=_RETRIES, priority=-place)
+        scene, *guides = [client.submit(str, sent, pure=False) if len(sent) > _LONG else sent
+                          for sent in (text, guide) if sent is not None]
+        tasks = [client.submit(task, scene, *arguments, *guides, pure=False, retries=_RETRIES, priority=-place)
                  for place, arguments in enumerate(calls)]
     places = {future.key: place for place, future in enumerate(tasks)}
     checked = _Provenances(_provenance(program), any_driver)
@@ -451,11 +470,24 @@ def _distributed() -> Any:
     return distributed
 
 
+def _guiding(options: Mapping[str, Any], sampling: Mapping[str, Any] | None, folder: Path) -> dict[str, Any]:
+    """Return options of a trace here that guides rays as all workers will. It reads a guide, or learns and writes one."""
+    found = {name: options[name] for name in _OF_GUIDES if options.get(name, "off") != "off"}
+    # The trace runs in another folder.
+    found |= {name: os.path.abspath(found[name]) for name in ("guide_from", "guide_to") if name in found}
+    if "guide" in found or "guide" in (sampling or {}) and "guide_from" not in found:
+        # The program writes what a scene learns for itself where --guide says something, were it off.
+        return {"guide": "off", "guide_to": str(folder / _GUIDE), **found}
+    return found
+
+
 def _decide(program: str, text: str, folder: Path, options: Mapping[str, Any], timeout: float | None) -> dict[str, str]:
-    """Return what all workers are given alike: the precision, and whether arithmetic is strict, as a trace of these options has it."""
+    """Return what all workers are given alike, as a trace of these options has it: the precision, and if arithmetic is strict."""
     scene = folder / "scene.json"
     scene.write_text(text, encoding="utf-8")
-    few = {**options, "num_rays": min(options["num_rays"], _PILOT_RAYS), "target_error": None, "time_limit": None}
+    few = {**options, "target_error": None, "time_limit": None}
+    # What is learned depends on how many rays there will be.
+    few |= {"time_limit": _AT_ONCE} if "guide_to" in options else {"num_rays": min(options["num_rays"], _PILOT_RAYS)}
     arguments = [f"--{name.replace('_', '-')}={value}" for name, value in few.items() if value is not None]
     _run(folder, [program, "trace", scene.name, *arguments, "--progress=never", "--output=pilot", "--no-pictures"], timeout)
     report = read_report(folder / "pilot")

@@ -1,4 +1,4 @@
-"""Pictures of a result, drawn by Matplotlib: maps, far fields and spectra, with their units."""
+"""Pictures drawn by Matplotlib, with their units: maps, far fields and spectra of a result, and polar diagrams of lamps."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from nsq_gpu.errors import UsageError
 
 if TYPE_CHECKING:
     from nsq_gpu.ghost_table import Ghosts
+    from nsq_gpu.intensity import IntensityTable
     from nsq_gpu.results import Result
 
 #: Most decades of a logarithmic scale.
@@ -77,14 +78,14 @@ def _chosen(result: Result, detector: str | None) -> str:
     return detector
 
 
-def _axes(ax: Any, projection: str | None = None) -> Any:
+def _axes(ax: Any, projection: str | None = None, what: str = "a far field") -> Any:
     """Return the axes that are given, or new ones."""
     if ax is None:
         import matplotlib.pyplot as plt
 
         ax = plt.subplots(layout="constrained", subplot_kw={"projection": projection})[1]
     elif projection is not None and ax.name != projection:
-        raise UsageError(f"a far field is drawn on polar axes, and ax is {ax.name}; make them by "
+        raise UsageError(f"{what} is drawn on polar axes, and ax is {ax.name}; make them by "
                          "plt.subplots(subplot_kw={'projection': 'polar'})")
     return ax
 
@@ -167,6 +168,39 @@ def _draw_spectrum(ax: Any, found: Any, entry: dict[str, Any], scale: str, optio
     ax.set_xlabel("wavelength [µm]")
     ax.set_ylabel("flux [W per bin]")
     ax.set_yscale(scale)
+
+
+def plot_lamp(table: IntensityTable, flux: float, unit: str, ax: Any, options: Any) -> Any:
+    """Draw the polar diagram of a lamp; :meth:`nsq_gpu.sources.TabulatedSource.plot` says how.
+
+    Args:
+        table: The lamp's intensity, of which the flux says the level.
+        flux: Flux [lm] or [W].
+        unit: Unit of the intensity, cd or W/sr.
+        ax: Polar axes; None makes a figure.
+        options: Options of Matplotlib's ``plot``.
+    """
+    ax = _axes(ax, "polar", "a lamp")
+    polar = table.polar_angles_deg
+    # Between angles of the table, intensity is no straight line in these axes.
+    parts = max(int(np.ceil(_PARTS * (polar[-1] - polar[0]) / 180.0 / (len(polar) - 1))), 1)
+    gamma = np.interp(np.arange(parts * (len(polar) - 1) + 1) / parts, np.arange(len(polar)), polar)
+    # Outside the table there is no light.
+    edges = np.concatenate([polar[:1] if polar[0] > 0.0 else [], gamma, polar[-1:] if polar[-1] < 180.0 else []])
+    inside = np.concatenate([[0.0] if polar[0] > 0.0 else [], np.ones(len(gamma)), [0.0] if polar[-1] < 180.0 else []])
+    planes = ((0.0, "all planes", "-"),) if table.is_of_revolution else ((0.0, "C0–C180", "-"), (90.0, "C90–C270", "--"))
+    for plane, label, style in planes:
+        right, left = (table.at(edges, azimuth) * inside * (flux / table.flux) for azimuth in (plane, plane + 180.0))
+        angles, values = np.concatenate([-edges[::-1], edges]), np.concatenate([left[::-1], right])
+        ax.plot(np.deg2rad(angles), values, **{"label": label, "linestyle": style, **options})
+    ax.set_theta_zero_location("S")
+    marks = np.arange(0, 360, 30)
+    ax.set_thetagrids(marks, [f"{min(mark, 360 - mark)}°" for mark in marks])
+    ax.set_rlim(bottom=0.0)
+    ax.set_xlabel(f"Intensity [{unit}], gamma around")
+    ax.legend(loc="upper right", bbox_to_anchor=(1.2, 1.1), fontsize="small")
+    ax.set_title(f"{flux:.4g} {'lm' if unit == 'cd' else 'W'}")
+    return ax
 
 
 def plot_ghosts(found: Ghosts, top: int | None, scale: str, unit: str | None, options: Any) -> Any:

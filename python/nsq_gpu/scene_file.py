@@ -1,7 +1,8 @@
 """Scene files -> live scenes.
 
 Optiland's own ``from_json`` knows nothing of the ``nsq_gpu`` block and leaves a source's medium as a string. This
-module imports no other one of the package, but where a scene has a source, a shape, a coating or a scattering law of its own: ``nsq-bench`` carries it alone.
+module imports no other one of the package, but where a scene has a source, a shape, a coating or a scattering law of its own, or a flux
+in lumens: ``nsq-bench`` carries it alone.
 
 Which materials are one object matters to Optiland, because its medium stack compares identities: every component of
 version 1 resolves its own catalog glass, a medium of the block is one object per name, and the block's surfaces and
@@ -430,24 +431,37 @@ def _mesh(spec: Json, folder: Path) -> MeshGeometry:
 
 
 def _add_source(scene: NSQScene, spec: Json, materials: Materials) -> None:
-    frame = _frame(spec["cs"])
+    frame, medium, lumens = _frame(spec["cs"]), spec.get("medium"), spec.get("total_flux_lumens")
+    around = None if medium is None else materials.shared(medium)
+    if spec["type"] == "tabulated":
+        from nsq_gpu.sources import TabulatedSource
+
+        given = {key: value for key, value in spec.items() if key not in ("type", "name", "cs", "spectrum", "medium") and value is not None}
+        tabulated = TabulatedSource(frame, Spectrum(**spec["spectrum"]), **given, medium=around)
+        scene.source_registry.add(spec["name"], tabulated)
+        return
+    if lumens is not None:
+        from nsq_gpu.photometry import watts
+
+        # Optiland's own conversion has V in steps of 10 nm.
+        spec = {**spec, "total_flux": watts(lumens, Spectrum(**spec["spectrum"]))}
     if spec["type"] != "pupil":
         scene.add_source(spec["name"], frame, _source_config(spec, materials))
-        return
-    from nsq_gpu.sources import Aim, PupilSource
+    else:
+        from nsq_gpu.sources import Aim, PupilSource
 
-    medium = spec.get("medium")
-    numbers = {key: spec[key] for key in ("total_flux", "beam_radii", "chief", "pupil_radii") if key in spec}
-    aimed = [Aim(**aim) for aim in spec.get("aimed", ())]
-    source = PupilSource(frame, Spectrum(**spec["spectrum"]), **numbers, aimed=aimed,
-                         medium=None if medium is None else materials.shared(medium))
-    scene.source_registry.add(spec["name"], source)
+        numbers = {key: spec[key] for key in ("total_flux", "beam_radii", "chief", "pupil_radii") if key in spec}
+        aimed = [Aim(**aim) for aim in spec.get("aimed", ())]
+        scene.source_registry.add(spec["name"], PupilSource(frame, Spectrum(**spec["spectrum"]), **numbers, aimed=aimed, medium=around))
+    if lumens is not None:
+        # For the exporter.
+        scene.source_registry.get(spec["name"]).total_flux_lumens = lumens
 
 
 def _source_config(spec: Json, materials: Materials) -> Any:
     configs = {"point": PointSourceConfig, "collimated": CollimatedSourceConfig, "extended": ExtendedSourceConfig}
     config = configs[spec["type"]]
-    fields = {field.name for field in dataclasses.fields(config)} - {"spectrum", "medium"}
+    fields = {field.name for field in dataclasses.fields(config)} - {"spectrum", "medium", "total_flux_lumens"}
     medium = spec.get("medium")
     return config(
         spectrum=Spectrum(**spec["spectrum"]),

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+import math
+import os
+import subprocess
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,15 +20,26 @@ from optiland.nonsequential.rng import EventSlot, NSQRng
 from optiland.nonsequential.sources.base import Spectrum
 from optiland.nonsequential.sources.collimated import CollimatedSource
 
-from nsq_gpu.errors import UnsupportedSceneError, without_gradient
-from nsq_gpu.frames import placed
+from nsq_gpu.binary import find_binary
+from nsq_gpu.errors import NsqGpuError, UnsupportedSceneError, UsageError, error_of, wants_gradient, without_gradient
+from nsq_gpu.frames import number_of, placed
+from nsq_gpu.intensity import IntensityTable
+from nsq_gpu.photometry import luminous_efficacy, watts
+
+#: Units of a table of intensity.
+INTENSITY_UNITS = ("relative", "W/sr", "cd")
+#: Largest difference of two fluxes that are one, by rounding, relative to them.
+_SAME_FLUX = 1e-12
 
 
 class _NotCollimated:
     """What Optiland finds in the place of a beam's radius: its tracers do not read it, and its files must not hold it."""
 
+    def __init__(self, kind: str) -> None:
+        self._kind = kind
+
     def __float__(self) -> float:
-        raise UnsupportedSceneError("Optiland's scene files know no PupilSource; write the scene by nsq_gpu.export_scene")
+        raise UnsupportedSceneError(f"Optiland's scene files know no {self._kind}; write the scene by nsq_gpu.export_scene")
 
 
 @dataclass(frozen=True)
@@ -76,7 +92,7 @@ class PupilSource(CollimatedSource):
                  pupil_radii: Sequence[float] = (0.0, 0.0), medium: NSQMaterial | None = None, aimed: Sequence[Aim] = ()) -> None:
         # Optiland's tracers take sources of its own classes alone; how rays are born, they ask the source itself.
         super().__init__(cs, spectrum, total_flux, medium=medium)
-        self.aperture_radius = _NotCollimated()
+        self.aperture_radius = _NotCollimated("PupilSource")
         given = {"beam_radii": beam_radii, "chief": chief, "pupil_radii": pupil_radii}
         self.beam_radii, self.chief, self.pupil_radii = (
             tuple(float(without_gradient(name, value)) for value in values) for name, values in given.items())
@@ -108,12 +124,228 @@ class PupilSource(CollimatedSource):
         wavelength = self.spectrum.sample(ray_id, bounce, rng)
         pupil = np.stack([radius * np.cos(turn), radius * np.sin(turn)], axis=1)
         starts, directions = self.local_rays(pupil, np.asarray(be.to_numpy(wavelength), dtype=float))
-        position, rotation = placed(self.cs)
-        (x, y, z), (L, M, N) = (starts @ rotation.T + position).T, (directions @ rotation.T).T
-        n, k = _indices(self.medium, wavelength)
-        return NSQRayBundle(x=x.copy(), y=y.copy(), z=z.copy(), L=L.copy(), M=M.copy(), N=N.copy(),
-                            flux=be.ones(len(ray_id)) * (self.total_flux / len(ray_id)), wavelength=wavelength, n_current=n,
-                            bounce=bounce, alive=np.ones(len(ray_id), dtype=bool), ray_id=ray_id, k_current=k)
+        return _born(self, ray_id, wavelength, starts, directions)
+
+
+class TabulatedSource(CollimatedSource):
+    """A lamp whose intensity is a table over two angles, as files of lamps have it.
+
+    The polar angle gamma is 0 along the frame's +z. The azimuth C is 0 towards its +x, and 90 towards its +y. Intensity is linear
+    in both angles between those of the table, and 0 outside the polar ones. Rays follow it exactly, all with the same flux.
+
+    Rays start at the origin; or uniformly within a rectangle, ``width`` and ``height``, or within a disk, ``radius``, at z = 0.
+    Each place then has the same intensity.
+
+    >>> lamp = TabulatedSource(frame, spectrum, [0, 30, 60, 90], [400.0, 350.0, 120.0, 0.0], intensity_units="cd")
+
+    Args:
+        cs: Frame.
+        spectrum: Wavelengths [um] and their weights.
+        polar_angles_deg: Polar angles [deg], two or more, rising within 0 to 180.
+        intensity: A row for each azimuth, with a number for each polar angle. Of a lamp of revolution, the row alone will do.
+        azimuth_angles_deg: 0 alone for a lamp of revolution, or angles [deg] that rise from 0 to 90, 180 or 360. A table to 180
+            is mirrored: I(C) = I(360 - C). One to 90 is so too, and I(C) = I(180 - C). One to 360 has equal rows at its ends.
+        intensity_units: ``"relative"``, with a flux; or ``"W/sr"`` or ``"cd"``, where the flux is the table's integral.
+        total_flux: Flux [W], of a relative table.
+        total_flux_lumens: Flux [lm], of a relative table; the spectrum says how many watts that is.
+        width: Width along x [mm].
+        height: Height along y [mm].
+        radius: Radius [mm].
+        medium: Medium around the source; None is vacuum.
+
+    Raises:
+        UsageError: An argument makes no sense, or the light is given in lumens or candelas and is not visible.
+    """
+
+    def __init__(self, cs: CoordinateSystem, spectrum: Spectrum, polar_angles_deg: Any, intensity: Any,
+                 azimuth_angles_deg: Any = (0.0,), *, intensity_units: str = "relative", total_flux: Any = None,
+                 total_flux_lumens: float | None = None, width: float | None = None, height: float | None = None,
+                 radius: float | None = None, medium: NSQMaterial | None = None) -> None:
+        if not isinstance(intensity_units, str) or intensity_units not in INTENSITY_UNITS:
+            raise UsageError(f"intensity_units is {intensity_units!r}; give 'relative', 'W/sr' or 'cd'")
+        self._table = IntensityTable(polar_angles_deg, azimuth_angles_deg, intensity)
+        #: ``"relative"``, ``"W/sr"`` or ``"cd"``.
+        self.intensity_units = intensity_units
+        #: Flux in lumens, where it was given so [lm].
+        self.total_flux_lumens = None if total_flux_lumens is None else _above_zero("total_flux_lumens", total_flux_lumens)
+        self.width, self.height, self.radius = _opening(width, height, radius)
+        #: What a file of a lamp says beside its table, and what was to be said of it; empty where there was no file.
+        self.keywords: dict[str, Any] = {}
+        self.remarks: list[str] = []
+        # Optiland's tracers take sources of its own classes alone; how rays are born, they ask the source itself.
+        super().__init__(cs, spectrum, self._given_flux(spectrum, total_flux), medium=medium)
+        self.aperture_radius = _NotCollimated("TabulatedSource")
+
+    def _given_flux(self, spectrum: Spectrum, total_flux: Any) -> Any:
+        """Return the flux [W] that the arguments say."""
+        if self.intensity_units == "relative":
+            if (total_flux is None) == (self.total_flux_lumens is None):
+                what = "neither is given" if total_flux is None else "both are given"
+                raise UsageError(f"total_flux, total_flux_lumens: {what}, and the table's intensity is relative; give one of them, or the unit "
+                                 "of the intensity: intensity_units='cd'")
+            if self.total_flux_lumens is not None:
+                return watts(self.total_flux_lumens, spectrum)
+            # A tensor stays one, for its gradient.
+            _above_zero("total_flux", total_flux.detach() if hasattr(total_flux, "detach") else total_flux)
+            return total_flux
+        for name, value in (("total_flux", total_flux), ("total_flux_lumens", self.total_flux_lumens)):
+            if value is not None:
+                raise UsageError(f"{name} is {value!r}, and a table in {self.intensity_units} says its flux itself; leave it out, or give "
+                                 "intensity_units='relative'")
+        return self._flux_of_table(spectrum)
+
+    @classmethod
+    def from_file(cls, path: str | os.PathLike[str], *, cs: CoordinateSystem, spectrum: Spectrum, total_flux: Any = None,
+                  total_flux_lumens: float | None = None, opening: bool = True, medium: NSQMaterial | None = None,
+                  binary: str | os.PathLike[str] | None = None) -> TabulatedSource:
+        """Return the lamp of a file of IES LM-63 (.ies) or EULUMDAT (.ldt), whose intensity is in cd.
+
+        The program reads the file: ``nsq-gpu lamp FILE --json``. ``keywords`` are then those of the file, and ``remarks`` what is
+        to be said of it.
+
+        Args:
+            path: The file.
+            cs: Frame.
+            spectrum: Wavelengths [um] and their weights: files of lamps have none.
+            total_flux: Flux [W] in the place of the file's.
+            total_flux_lumens: Flux [lm] in the place of the file's.
+            opening: Whether rays start within the luminous opening that the file states; False gives a point.
+            medium: Medium around the source; None is vacuum.
+            binary: Path of the program.
+
+        Raises:
+            UsageError: It is no file of a lamp, or an argument makes no sense.
+            BinaryNotFoundError: The program is not there.
+        """
+        if not isinstance(path, str | os.PathLike) or Path(path).suffix.lower() not in (".ies", ".ldt"):
+            raise UsageError(f"path is {path!r}; give the path of a lamp's file, whose name ends with .ies or .ldt")
+        found = _read_lamp(Path(path), find_binary(binary))
+        scaled = total_flux is not None or total_flux_lumens is not None
+        shape = {key: value for key, value in found["opening"].items() if key != "type"} if opening else {}
+        source = cls(cs, spectrum, found["polar_angles_deg"], found["intensity"], found["azimuth_angles_deg"],
+                     intensity_units="relative" if scaled else "cd", total_flux=total_flux, total_flux_lumens=total_flux_lumens,
+                     medium=medium, **shape)
+        source.keywords, source.remarks = dict(found["keywords"]), list(found["remarks"])
+        return source
+
+    @property
+    def polar_angles_deg(self) -> np.ndarray:
+        """Polar angles of the table [deg]; another table is another source."""
+        return self._table.polar_angles_deg
+
+    @property
+    def azimuth_angles_deg(self) -> np.ndarray:
+        """Azimuths of the table [deg]."""
+        return self._table.azimuth_angles_deg
+
+    @property
+    def intensity(self) -> np.ndarray:
+        """The table, in ``intensity_units``, with a row for each azimuth."""
+        return self._table.intensity
+
+    @property
+    def table(self) -> IntensityTable:
+        """The table with its mirrors, which draws directions."""
+        return self._table
+
+    def _flux_of_table(self, spectrum: Spectrum) -> float:
+        return watts(self._table.flux, spectrum) if self.intensity_units == "cd" else self._table.flux
+
+    @property
+    def is_of_its_table(self) -> bool:
+        """Whether the table alone says the flux: its unit is W/sr or cd, and nobody has changed ``total_flux`` since."""
+        return self.intensity_units != "relative" and _is_flux(self, lambda: self._flux_of_table(self.spectrum))
+
+    def plot(self, *, ax: Any = None, **options: Any) -> Any:
+        """Draw the polar diagram: gamma from 0 deg downwards, the planes C0-C180 and C90-C270, C0 and C90 to the right.
+
+        Intensity is in cd where the table or the flux is in lumens or candelas, else in W/sr.
+
+        Args:
+            ax: Polar axes of Matplotlib. None makes a figure.
+            options: Further options of Matplotlib's ``plot``, such as ``linewidth=2``.
+
+        Returns:
+            The axes.
+        """
+        from nsq_gpu.plotting import plot_lamp
+
+        is_photometric = self.intensity_units == "cd" or self.total_flux_lumens is not None
+        flux = number_of(self.total_flux) * (luminous_efficacy(self.spectrum) if is_photometric else 1.0)
+        return plot_lamp(self._table, flux, "cd" if is_photometric else "W/sr", ax, options)
+
+    def generate(self, ray_id: np.ndarray, rng: NSQRng) -> NSQRayBundle:
+        """Return one ray an id, in the global frame, by the draws of Optiland's ExtendedSource."""
+        bounce = np.zeros(len(ray_id), dtype=np.int32)
+        u1, u2, u3, u4 = (rng.uniform(ray_id, bounce, slot) for slot in (
+            EventSlot.SOURCE_U1, EventSlot.SOURCE_U2, EventSlot.SOURCE_U3, EventSlot.SOURCE_U4))
+        starts = np.zeros((len(ray_id), 3))
+        if self.radius is not None:
+            distance, turn = self.radius * np.sqrt(u1), 2.0 * np.pi * u2
+            starts[:, 0], starts[:, 1] = distance * np.cos(turn), distance * np.sin(turn)
+        elif self.width is not None and self.height is not None:
+            starts[:, 0], starts[:, 1] = (u1 - 0.5) * self.width, (u2 - 0.5) * self.height
+        return _born(self, ray_id, self.spectrum.sample(ray_id, bounce, rng), starts, self._table.directions(u3, u4))
+
+
+def is_of_its_lumens(source: Any) -> bool:
+    """Tell whether a source has its flux in lumens, as ``total_flux_lumens``, and nobody has changed ``total_flux`` since."""
+    lumens = getattr(source, "total_flux_lumens", None)
+    return lumens is not None and _is_flux(source, lambda: watts(number_of(lumens), source.spectrum))
+
+
+def _is_flux(source: Any, expected: Callable[[], float]) -> bool:
+    """Tell whether a source's flux is what is expected, and no tensor that wants a gradient."""
+    if wants_gradient(source.total_flux):
+        return False
+    try:
+        return math.isclose(number_of(source.total_flux), expected(), rel_tol=_SAME_FLUX)
+    except UsageError:
+        # Its spectrum was changed, to one without visible light.
+        return False
+
+
+def _read_lamp(path: Path, binary: str) -> dict[str, Any]:
+    """Return what the program finds in a lamp's file."""
+    done = subprocess.run([binary, "lamp", "--json", "--", str(path)], capture_output=True, stdin=subprocess.DEVNULL, check=False)
+    if done.returncode != 0:
+        raise error_of(done.returncode, done.stderr.decode(errors="replace"))
+    try:
+        found: dict[str, Any] = json.loads(done.stdout)
+    except ValueError as error:
+        raise NsqGpuError(f"{binary} lamp: its answer is no JSON: {error}; install a program of this package's version") from None
+    return found
+
+
+def _above_zero(name: str, value: Any) -> float:
+    try:
+        number = float(without_gradient(name, value))
+    except (TypeError, ValueError):
+        number = math.nan
+    if not 0.0 < number < math.inf:
+        raise UsageError(f"{name} is {value!r}; give a finite number above 0")
+    return number
+
+
+def _opening(width: Any, height: Any, radius: Any) -> tuple[float | None, float | None, float | None]:
+    given = {"width": width, "height": height, "radius": radius}
+    width, height, radius = (None if value is None else _above_zero(name, value) for name, value in given.items())
+    if radius is not None and (width is not None or height is not None):
+        raise UsageError("radius: it is given beside width or height, and rays start within a disk or a rectangle; leave one of them out")
+    if (width is None) != (height is None):
+        there, absent = ("width", "height") if height is None else ("height", "width")
+        raise UsageError(f"{absent}: it is missing, and {there} is given; give both for a rectangle, or none for a point")
+    return width, height, radius
+
+
+def _born(source: Any, ray_id: np.ndarray, wavelength: np.ndarray, starts: np.ndarray, directions: np.ndarray) -> NSQRayBundle:
+    """Return rays in the global frame, of starts [mm] and unit directions in the source's own, shape (N, 3)."""
+    position, rotation = placed(source.cs)
+    (x, y, z), (L, M, N) = (starts @ rotation.T + position).T, (directions @ rotation.T).T
+    n, k = _indices(source.medium, wavelength)
+    return NSQRayBundle(x=x.copy(), y=y.copy(), z=z.copy(), L=L.copy(), M=M.copy(), N=N.copy(),
+                        flux=be.ones(len(ray_id)) * (source.total_flux / len(ray_id)), wavelength=wavelength, n_current=n,
+                        bounce=np.zeros(len(ray_id), dtype=np.int32), alive=np.ones(len(ray_id), dtype=bool), ray_id=ray_id, k_current=k)
 
 
 def _indices(medium: Any, wavelength: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -26,7 +26,7 @@ import nsq_gpu
 from nsq_gpu import cluster
 from nsq_gpu.export import export, to_json
 from tests import live
-from tests.test_session import session, singlet
+from tests.test_session import command, session, singlet
 
 distributed = pytest.importorskip("distributed", reason="Dask is not installed")
 dask = pytest.importorskip("dask")
@@ -207,6 +207,90 @@ def test_a_sweep_on_a_cluster_is_that_of_a_session(client: Any) -> None:
 def test_a_number_of_nothing_is_refused_by_name(client: Any) -> None:
     with pytest.raises(cluster.NsqGpuError, match="did you mean `r1`"):
         cluster.sweep(singlet(), {"L.r3": [1.0]}, 1000, client, precision="f64", binary=live.binary())
+
+
+# Guided rays
+
+
+#: Above 2^18 rays, what a pilot learns depends on their number.
+MANY_RAYS = 300_000
+REFLECTED = "reflections == 2"
+
+
+def guided_command(tmp_path: Path, *options: str, scene: Any = None) -> bytes:
+    """Return the bits of the map that the command writes."""
+    file = tmp_path / "scene.json"
+    file.write_text(to_json(export(scene or singlet()).document), encoding="utf-8")
+    found = command(file, tmp_path / "out", "--precision=f64", "--strict", "--max-depth=16", *options)
+    return found["image", "irradiance"].tobytes()
+
+
+def guided(client: Any, num_rays: int = MANY_RAYS, parts: int = 3, **options: Any) -> Any:
+    scene = options.pop("scene", None) or singlet()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", nsq_gpu.ResultWarning)
+        return cluster.trace(scene, num_rays, client, parts, precision="f64", binary=live.binary(), **options)
+
+
+@pytest.mark.parametrize("where", [{}, {"where": REFLECTED}])
+def test_guided_rays_have_the_bits_of_one_trace(client: Any, tmp_path: Path, where: dict[str, str]) -> None:
+    one = guided_command(tmp_path, f"-n={MANY_RAYS}", "--guide", "--seed=5", *(f"--where={text}" for text in where.values()))
+    assert bits(guided(client, guide=True, seed=5, **where)) == one
+
+
+def test_a_guide_of_the_scene_itself_is_shared_too(client: Any, tmp_path: Path) -> None:
+    scene = singlet()
+    scene.guided_light = {"detector": None, "where": REFLECTED}
+    assert bits(guided(client, 20_000, scene=scene)) == guided_command(tmp_path, "-n=20000", scene=scene)
+
+
+def test_the_table_of_paths_of_guided_rays_is_that_of_one_trace(client: Any) -> None:
+    with session() as one, live.quiet():
+        whole = one.trace(singlet(), 20_000, paths=True, guide=True)
+    parts = guided(client, 20_000, paths=True, guide=True)
+    assert (whole.paths["reflections"] == 2).any()
+    assert live.same_rows(parts.paths, whole.paths)
+
+
+def test_a_prefix_and_what_is_done_are_guided_by_what_was_learned_for_all_rays(
+        one_worker: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop(done: int, num_rays: int, rate: float) -> None:
+        raise KeyboardInterrupt
+
+    # Of such a name, only this process can read a file: a worker's program runs in a folder of its own.
+    monkeypatch.chdir(tmp_path)
+    ended = guided(one_worker, parts=30, guide=True, guide_to="guide", target_error="30%")
+    assert ended.num_rays_total < MANY_RAYS
+    of_all = ("--guide-from=guide", f"--of-rays={MANY_RAYS}")
+    assert bits(ended) == guided_command(tmp_path, f"-n={int(ended.num_rays_total)}", "--standard-error=on", *of_all)
+    with pytest.raises(nsq_gpu.Interrupted) as caught:
+        guided(one_worker, parts=30, guide_from="guide", progress=stop)
+    assert bits(caught.value.partial) == guided_command(tmp_path, "-n=10000", *of_all)
+
+
+def test_a_long_guide_is_sent_once(client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cluster, "_LONG", 0)
+    keys: set[str] = set()
+
+    def look(done: int, num_rays: int, rate: float) -> None:
+        keys.update(client.run_on_scheduler(lambda dask_scheduler: list(dask_scheduler.tasks)))
+
+    assert bits(guided(client, 20_000, guide=True, progress=look)) == guided_command(tmp_path, "-n=20000", "--guide")
+    assert sorted(key.split("-")[0] for key in keys) == ["str"] * 2 + ["trace_range"] * 3
+    assert tasks_left(client) == 0
+
+
+def test_a_guide_that_makes_no_sense_is_refused_by_name(tmp_path: Path) -> None:
+    file = tmp_path / "guide"
+    for options, named in (({"guide_from": file}, f"{file}: No such file"), ({"guide": "maybe"}, "invalid value 'maybe'"),
+                           ({"guide": True, "guide_from": file}, "cannot be used with"), ({"guide_to": file}, "--guide")):
+        with pytest.raises(cluster.UsageError, match=named):
+            guided(object(), 1000, **options)
+    file.write_text("no guide")
+    for options, named in (({"guide_from": file}, f"{file}: is no guide"), ({"guide": True, "guide_to": file}, str(file))):
+        with pytest.raises(cluster.UsageError, match=named):
+            guided(object(), 1000, **options)
+    assert file.read_text() == "no guide"
 
 
 # Workers that are not there yet

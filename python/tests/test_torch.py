@@ -25,6 +25,7 @@ from optiland.nonsequential import (  # noqa: E402
     NSQScene,
     Spectrum,
 )
+from optiland.nonsequential.backends.numpy_backend import NumpyBackend  # noqa: E402
 from optiland.nonsequential.backends.torch_backend import TorchBackend  # noqa: E402
 from optiland.nonsequential.bsdf import HarveyShackBSDF, LambertianBSDF  # noqa: E402
 from optiland.nonsequential.components.absorbing import AbsorbingComponent  # noqa: E402
@@ -38,11 +39,12 @@ import nsq_gpu  # noqa: E402
 from nsq_gpu.bsdf import ABg, KCorrelation  # noqa: E402
 from nsq_gpu.export import export_wanted  # noqa: E402
 from nsq_gpu.shapes import Aperture, ClippedConic, EvenAsphere  # noqa: E402
-from nsq_gpu.sources import PupilSource  # noqa: E402
+from nsq_gpu.sources import PupilSource, TabulatedSource  # noqa: E402
 from tests import live, oracle, parity  # noqa: E402
 from tests.conftest import ROOT  # noqa: E402
 from tests.test_bsdf import lens_and_mirror  # noqa: E402
 from tests.test_convert import pupil_scene  # noqa: E402
+from tests.test_tabulated import lamp, lamp_scene, with_source  # noqa: E402
 from tools import make_gradients  # noqa: E402
 
 NUM_RAYS = 20_000
@@ -93,6 +95,32 @@ def test_shapes_and_sources_of_the_package() -> None:
     for name, expected in ours.items():
         assert expected.sum() > 0.0
         np.testing.assert_allclose(be.to_numpy(theirs.detectors[name].irradiance), expected, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_lamps_by_table_are_those_of_numpy() -> None:
+    scene = lamp_scene()
+    expected = {name: np.array(found.irradiance) for name, found in scene.trace(5000, seed=3, backend=NumpyBackend(seed=3)).detectors.items()}
+    be.set_backend("torch")
+    be.set_precision("float64")
+    with torch.no_grad():
+        theirs = scene.trace(5000, seed=3, backend=TorchBackend(seed=3))
+    for name, values in expected.items():
+        assert values.sum() > 0.0
+        np.testing.assert_allclose(be.to_numpy(theirs.detectors[name].irradiance), values, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_the_flux_of_a_lamp_by_table_has_a_gradient() -> None:
+    flux = torch.tensor(3.0, dtype=torch.float64, requires_grad=True)
+    scene = with_source(lamp("bilateral", CoordinateSystem(z=-20.0), total_flux=flux))
+    scene.add_detector("screen", CoordinateSystem(z=30.0), IrradianceDetectorConfig(60.0, 60.0, 12, 12))
+    assert list(export_wanted(scene).wanted) == ["lamp.total_flux"]
+    be.set_backend("torch")
+    be.set_precision("float64")
+    detected = scene.trace(2000, seed=3, backend=TorchBackend(seed=3)).detectors["screen"].total_flux
+    detected.backward()
+    assert flux.grad.item() == pytest.approx(detected.item() / 3.0, rel=1e-12)
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -215,6 +243,8 @@ def test_what_would_drop_a_tensor_refuses_it(torch_in_f64: None) -> None:
         ("a", lambda: ABg(tensor, 1e-3, 1.5)),
         ("b0", lambda: KCorrelation(tensor, 12.0, 2.5)),
         ("beam_radii", lambda: PupilSource(CoordinateSystem(), spectrum, beam_radii=(tensor, 1.0))),
+        ("intensity", lambda: TabulatedSource(CoordinateSystem(), spectrum, [0.0, 90.0], torch.stack([tensor, tensor]), intensity_units="cd")),
+        ("total_flux_lumens", lambda: TabulatedSource(CoordinateSystem(), spectrum, [0.0, 90.0], [1.0, 1.0], total_flux_lumens=tensor)),
     ):
         with pytest.raises(nsq_gpu.UnsupportedSceneError, match=f"(?i){name}: it has requires_grad"):
             take()

@@ -1,6 +1,4 @@
-// Spectral: flux over pixels and wavelength bins. The bin of each wavelength of the scene was found on the host.
-
-@group(GROUP_SCENE) @binding(BINDING_SPECTRAL_BINS) var<storage, read> spectral_bins: array<u32>;
+// Spectral: flux over pixels and wavelength bins.
 
 fn record_spectral(ray: Ray, detector: Detector, ends: bool) {
     let bin = spectral_bins[detector.bins + ray.wavelength];

@@ -6,8 +6,9 @@ use crate::cli::trace::Printed;
 use crate::error::{Error, Result};
 use crate::format::path_text;
 use crate::model::{Precision, SceneIr};
+use crate::result::photometry;
 use crate::result::{GuideInfo, PathTally, RaySet, RunInfo, Tally, TraceResult, output};
-use crate::run::checkpoint::{Checkpoint, Identity};
+use crate::run::checkpoint::{Checkpoint, Identity, scene_of_hash};
 use crate::run::proof::Proof;
 use crate::scene::Scene;
 use std::path::{Path, PathBuf};
@@ -23,6 +24,10 @@ pub struct Args {
     output: Option<PathBuf>,
     #[command(flatten)]
     pictures: PictureArgs,
+    /// Say the result in lumens, lux and candela as well. Of light of several wavelengths that takes results of trace
+    /// --photometric, which say so by themselves.
+    #[arg(long)]
+    photometric: bool,
     /// The scene file, if it was moved.
     #[arg(long, value_name = "SCENE")]
     scene: Option<PathBuf>,
@@ -45,13 +50,16 @@ pub fn run(args: &Args) -> Result<String> {
         }
         other => other,
     })?;
-    let ir = scene.lower()?;
-    if crate::run::checkpoint::scene_hash(&ir) != parts[0].identity.scene_hash {
+    let Some(ir) = scene_of_hash(scene.lower()?, parts[0].identity.scene_hash) else {
         return Err(Error::Usage(format!(
             "the scene in {} is not, or no longer, the one that {} was traced of; name that one by --scene",
             path_text(&path),
             args.results[0].display()
         )));
+    };
+    let is_photometric = args.photometric || scene.says_lumens();
+    if args.photometric && ir.wavelengths.len() > 1 && !photometry::is_apart(&ir) {
+        return Err(Error::Usage("--photometric: the results were traced without it".into()));
     }
     check(&args.results, &parts, &ir)?;
     let pictures = args.pictures.style(&ir)?;
@@ -94,7 +102,9 @@ pub fn run(args: &Args) -> Result<String> {
         ));
     }
     say(&on_the_bits(&ir, &parts, &merged.tally.rays));
-    let result = TraceResult::new(&ir, &run_info(&path, &scene, &merged), &merged.tally)?;
+    let photometric = is_photometric || photometry::is_apart(&ir);
+    let info = RunInfo { photometric, ..run_info(&path, &scene, &merged) };
+    let result = TraceResult::new(&ir, &info, &merged.tally)?;
     let printed = Printed { json: args.json, pictures };
     crate::cli::trace::deliver(&result, || merged.to_bytes().map(Some), args.output.as_deref(), printed)
 }
@@ -202,6 +212,7 @@ fn run_info(path: &Path, scene: &Scene, merged: &Checkpoint) -> RunInfo {
             "f32" => Precision::F32,
             _ => Precision::F64,
         }),
+        lamp_files: scene.lamp_files.clone(),
         guide: identity.guide.as_ref().map(GuideInfo::of),
         first_ray: identity.first_ray,
         of_rays: identity.of_rays,

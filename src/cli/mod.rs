@@ -9,6 +9,7 @@ mod completions;
 pub(crate) mod console;
 mod device_args;
 mod diff;
+mod lamp;
 pub mod materials;
 mod merge;
 pub(crate) mod output_file;
@@ -72,6 +73,8 @@ enum Command {
     Adapters(adapters::Args),
     /// Show a material of the catalog: its entry, its source, n and k over the wavelength.
     Materials(materials::Args),
+    /// Show a lamp file (.ies, .ldt): its light, its beam and its field.
+    Lamp(lamp::Args),
     /// Print the WGSL that a scene is traced by, with the file that each part of it comes from.
     Shader(shader::Args),
     /// Trace a scene again and again, with some of its numbers changed: a sweep, or a Monte Carlo of tolerances.
@@ -100,6 +103,7 @@ pub fn main() -> ExitCode {
         Command::Check(args) => check::run(&args),
         Command::Adapters(args) => adapters::run(&args),
         Command::Materials(args) => materials::run(&args),
+        Command::Lamp(args) => lamp::run(&args),
         Command::Shader(args) => shader::run(&args),
         Command::Sweep(args) => sweep::run(&args),
         Command::Serve(args) => serve::run(&args),

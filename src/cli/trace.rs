@@ -50,6 +50,10 @@ pub struct Args {
     /// Record the paths of about N rays, or of all, in ray_paths.npz.
     #[arg(long, value_name = "N|all", value_parser = parse_record_paths, requires = "output")]
     record_paths: Option<RecordPaths>,
+    /// Say results in lumens, lux and candela as well, for any spectrum. That is so by itself where a source says its flux in
+    /// lumens or its intensity in candela. Light of each wavelength then has pixels of its own while rays are traced.
+    #[arg(long, conflicts_with = "gradient")]
+    photometric: bool,
     /// Differentiate what detectors record by numbers of the scene: L1.r1,L2.z. With -o, maps of derivatives and their
     /// standard errors go to gradients.npz. Names with dots or commas are quoted: '"a.b".r1'.
     #[arg(long, value_name = "NAMES", value_parser = parse_names, conflicts_with_all = ["checkpoint", "overwrite",
@@ -127,6 +131,9 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     let pictures = args.pictures.style(&ir)?;
     let mut run = Run::of(&scene, &ir).named(args.scene.display()).messages(&say);
     run.start = start;
+    if args.photometric || scene.says_lumens() {
+        run = run.photometric()?;
+    }
     if let Some(path) = &args.checkpoint {
         run = run.checkpoint(path, args.checkpoint_interval, args.overwrite)?;
     }

@@ -23,11 +23,18 @@ macro_rules! kinds {
                     $(#[cfg($function_cfg:meta)])? $function:ident $(($code:literal))? = $text:ident
                 ),+)?;
         )+
+        $(unwritten {
+            $(
+                $(#[doc = $of_doc:literal])+
+                $of_name:ident($of_file:ident::$of_type:ident) by $of_function:ident = $of_text:ident;
+            )+
+        })?
     ) => {
         #[doc = concat!("A kind of the list; what it can do stands in [`", stringify!($trait), "`].")]
         #[derive(Debug, Clone, PartialEq $(, $($derive),+)?)]
         pub enum $enum {
             $($(#[doc = $doc])+ $(#[cfg($cfg)])? $name($file::$type),)+
+            $($($(#[doc = $of_doc])+ $of_name($of_file::$of_type),)+)?
         }
 
         impl std::ops::Deref for $enum {
@@ -36,6 +43,7 @@ macro_rules! kinds {
             fn deref(&self) -> &Self::Target {
                 match self {
                     $($(#[cfg($cfg)])? $enum::$name(kind) => kind,)+
+                    $($($enum::$of_name(kind) => kind,)+)?
                 }
             }
         }
@@ -48,12 +56,16 @@ macro_rules! kinds {
                 #[doc = concat!("[`", stringify!($file), "::", stringify!($text), "`]")]
                 $function $(= $code)?,
             )+)?)+
+            $($(
+                #[doc = concat!("[`", stringify!($of_file), "::", stringify!($of_text), "`]")]
+                $of_function,
+            )+)?
         }
 
         impl $functions {
             /// All of them, in the order of the list.
             pub const ALL: &[$functions] =
-                &[$($($($(#[cfg($function_cfg)])? $functions::$function,)+)?)+];
+                &[$($($($(#[cfg($function_cfg)])? $functions::$function,)+)?)+ $($($functions::$of_function,)+)?];
 
             /// Those that occur, in the order of their codes, without repetition.
             pub fn distinct(functions: impl Iterator<Item = Self>) -> Vec<Self> {
@@ -69,6 +81,7 @@ macro_rules! kinds {
             pub fn wgsl(self) -> &'static $wgsl {
                 match self {
                     $($($($(#[cfg($function_cfg)])? $functions::$function => &$file::$text,)+)?)+
+                    $($($functions::$of_function => &$of_file::$of_text,)+)?
                 }
             }
         }

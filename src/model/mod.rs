@@ -16,6 +16,7 @@ pub mod guide;
 mod list;
 pub(crate) mod mesh;
 pub mod path_filter;
+pub mod photometry;
 pub(crate) mod place;
 mod precision;
 pub mod primitives;
@@ -34,7 +35,7 @@ pub use crate::model::bsdfs::{
 pub use crate::model::coating::{Coating, CoatingRow, SimpleCoating, TabulatedCoating};
 pub use crate::model::detectors::grid::{PixelGrid, Splat};
 pub use crate::model::detectors::{
-    Detection, DetectorFunction, DetectorKind, FAR_FIELD_RADIUS, FarField, RayDatabase, Spectral,
+    Apart, Detection, DetectorFunction, DetectorKind, FAR_FIELD_RADIUS, FarField, RayDatabase, Spectral,
 };
 pub use crate::model::mesh::{Mesh, area_vector, unit_normal};
 pub use crate::model::path_filter::PathFilter;
@@ -44,7 +45,9 @@ pub use crate::model::shapes::{
     Annulus, Aperture, AsphereProfile, ClippedConic, Conic, Frustum, MeshId, Outline, Shape, ShapeKind,
     Sphere,
 };
-pub use crate::model::sources::{Collimated, Extended, Point, Pupil, SourceFunction, SourceKind};
+pub use crate::model::sources::{
+    Collimated, Extended, IntensityTable, Point, Pupil, SourceFunction, SourceKind,
+};
 use glam::{DMat3, DVec3};
 
 /// Index into [`SceneIr::media`].

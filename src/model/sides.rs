@@ -7,9 +7,7 @@
 
 use crate::model::primitives::primitives;
 use crate::model::surface_optics::is_boundary;
-use crate::model::{
-    Detector, DetectorKind, Frame, Interaction, MediumId, Mesh, SceneIr, Shape, area_vector, unit_normal,
-};
+use crate::model::{Detector, Frame, Interaction, MediumId, Mesh, SceneIr, Shape, area_vector, unit_normal};
 use glam::DVec3;
 use std::collections::BTreeMap;
 
@@ -282,10 +280,8 @@ impl Ray {
             }
             Some(_) => Next::Unknown,
             None => match &ir.detectors[i - ir.surfaces.len()].kind {
-                DetectorKind::FarField(_) => Next::Nothing,
-                DetectorKind::Irradiance(_) | DetectorKind::Spectral(_) | DetectorKind::RayDatabase(_) => {
-                    Next::Unknown
-                }
+                kind if !kind.is_placed() => Next::Nothing,
+                _ => Next::Unknown,
             },
         }
     }

@@ -103,7 +103,7 @@ impl Features {
         let keeps_weight = !loses_weight && !roulette;
         Features {
             shapes,
-            aimed: ir.sources.iter().any(|source| !source.kind.table(&ir.wavelengths).is_empty()),
+            aimed: ir.sources.iter().any(|source| source.kind.is_aimed()),
             clips: ir.surfaces.iter().any(|surface| surface.shape.is_clipped()),
             refractive,
             reflective: reflectances().next().is_some(),
@@ -159,10 +159,17 @@ impl Features {
         self.detectors.iter().any(|function| function.reads_bins())
     }
 
+    /// True if far fields keep light of each wavelength apart, and no far field does not.
+    pub fn has_far_fields_apart_alone(&self) -> bool {
+        let has = |function| self.detectors.contains(&function);
+        has(DetectorFunction::ApartFarField) && !has(DetectorFunction::FarField)
+    }
+
     /// True if some shape, source, BSDF or coating reads a table.
     pub fn has_tables(&self) -> bool {
         self.clips
             || self.aimed
+            || self.sources.contains(&SourceFunction::Tabulated)
             || self.shapes.contains(&ShapeKind::Freeform)
             || self.tabulated_coatings
             || self.bsdfs.iter().any(|kind| kind.has_table())

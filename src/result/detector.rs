@@ -3,6 +3,7 @@
 use crate::error::Result;
 use crate::model::{self, SceneIr};
 use crate::result::detectors::Sums;
+use crate::result::photometry::Luminous;
 use crate::result::uncertainty::relative_error_of_map;
 use crate::result::{DetectorData, DetectorTally, FewRays, FluxSum, FluxUnit, Tally, Uncertainty};
 
@@ -25,6 +26,8 @@ pub struct Detector {
     pub num_rays_hit: u64,
     /// The recording.
     pub data: DetectorData,
+    /// The same in photometric units, where the trace was asked for them.
+    pub luminous: Option<Luminous>,
 }
 
 impl Detector {
@@ -43,6 +46,7 @@ impl Detector {
             total_flux_standard_error: if kept_flux.is_some() { None } else { of_total() },
             num_rays_hit,
             data,
+            luminous: None,
         })
     }
 

@@ -21,6 +21,11 @@ impl FluxUnit {
         FluxUnit::new(ir.emitted_flux(), num_rays)
     }
 
+    /// The unit of another quantity, of which 1 W has so much.
+    pub(crate) fn times(self, factor: f64) -> Self {
+        FluxUnit { total_flux: self.total_flux * factor, ..self }
+    }
+
     /// Flux of a sum \[W\]. The ratio comes first, so that all quanta launched are exactly the flux emitted.
     pub fn watts(self, quanta: u128) -> f64 {
         self.total_flux * (quanta as f64 / (QUANTA_PER_WEIGHT * self.num_rays))

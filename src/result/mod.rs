@@ -26,6 +26,7 @@ pub mod npz;
 pub mod npz_files;
 pub mod output;
 mod path_tally;
+pub mod photometry;
 pub mod picture;
 pub mod png;
 pub mod ray_paths;

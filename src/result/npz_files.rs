@@ -41,7 +41,12 @@ fn add_detector(
         file.add("num_rays_hit", &arr0(detector.num_rays_hit as i64))?;
         file.add_optional("total_flux_standard_error", &detector.total_flux_standard_error.map(arr0))?;
     }
-    file.add_string("meta", &meta(result, detector.data.kind(), &detector.name, data.units()))?;
+    let mut units = data.units().to_vec();
+    if let Some(seen) = &detector.luminous {
+        seen.add_to(&mut file)?;
+        units.extend(seen.units());
+    }
+    file.add_string("meta", &meta(result, detector.data.kind(), &detector.name, &units))?;
     file.finish()
 }
 

@@ -3,6 +3,7 @@
 use crate::error::Result;
 use crate::model::{Interaction, SceneIr};
 use crate::result::detectors::Sums;
+use crate::result::photometry;
 use crate::result::uncertainty::worst_relative_error;
 use crate::result::{
     Detector, Diagnostics, FluxUnit, Grouping, Ledger, PathTable, RayPaths, Recoating, Recorded, RunInfo,
@@ -26,6 +27,12 @@ impl TraceResult {
     pub fn with_rows(ir: &SceneIr, run: &RunInfo, tally: &Tally, recorded: &Recorded) -> Result<TraceResult> {
         check_shape(ir, tally)?;
         let unit = FluxUnit::of_scene(ir, if run.partial { tally.launched.count } else { run.num_rays });
+        let luminous = match run.photometric {
+            true => photometry::of_detectors(ir, tally, unit)?,
+            false => vec![None; ir.detectors.len()],
+        };
+        let (ir, tally) = photometry::added_up(ir, tally);
+        let (ir, tally) = (&*ir, &*tally);
         let uncertainty = Uncertainty::new(ir, tally, unit);
         let total_flux_in = if run.partial { unit.watts(tally.launched.quanta) } else { ir.emitted_flux() };
 
@@ -34,9 +41,11 @@ impl TraceResult {
             .iter()
             .zip(&tally.detectors)
             .zip(&recorded.databases)
-            .map(|((detector, cells), rows)| {
+            .zip(luminous)
+            .map(|(((detector, cells), rows), luminous)| {
                 let (rows, uncertainty, wavelengths) = (rows.as_ref(), &uncertainty, &ir.wavelengths);
-                Detector::new(&Sums { detector, cells, rows, unit, uncertainty, wavelengths })
+                let seen = Detector::new(&Sums { detector, cells, rows, unit, uncertainty, wavelengths })?;
+                Ok(Detector { luminous, ..seen })
             })
             .collect::<Result<_>>()?;
         let surfaces = surfaces(ir, tally, unit);
@@ -67,6 +76,12 @@ impl TraceResult {
             diagnostics: Diagnostics::default(),
             paths: path_table(ir, run, tally, unit),
             gradients: Vec::new(),
+            sources: match run.photometric {
+                true => {
+                    ir.sources.iter().map(|one| (one.name.clone(), photometry::of_source(ir, one))).collect()
+                }
+                false => Vec::new(),
+            },
             ray_paths: RayPaths::new(ir, unit, recorded.paths.clone()),
         };
         result.flux_conservation_error = result.conservation_error();

@@ -8,9 +8,11 @@ use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
 
 use crate::error::{Error, Result};
+use crate::model::DetectorFunction;
 use crate::result::integrity::{self, Meta};
 use crate::result::light_paths::OtherLight;
 use crate::result::output::REPORT;
+use crate::result::photometry::Luminous;
 use crate::result::stored::{DetectorEntry, Stored};
 use crate::result::{
     CoatingRank, Detector, DetectorData, LightPath, PathTable, Recoated, RunInfo, TraceResult, report,
@@ -65,11 +67,23 @@ impl TraceResult {
             return Err(Error::file(path, problem));
         }
         let mut result: TraceResult = typed(path, &report)?;
+        let photometry = &report["photometry"];
         result.detectors = rest
             .detectors
             .iter()
-            .map(|(name, entry)| detector(dir, name, typed(path, entry)?, rest.meta.as_ref()))
+            .map(|(name, entry)| {
+                let entry: DetectorEntry = typed(path, entry)?;
+                let detector = detector(dir, name, entry.clone(), rest.meta.as_ref())?;
+                let luminous = photometry["detectors"].get(name);
+                let luminous =
+                    luminous.map(|seen| luminous_of(dir, name, entry, typed(path, seen)?)).transpose()?;
+                Ok(Detector { luminous, ..detector })
+            })
             .collect::<Result<_>>()?;
+        if let Some(sources) = photometry["sources"].as_object() {
+            let source = |(name, seen): (&String, &Value)| Ok((name.clone(), typed(path, seen)?));
+            result.sources = sources.iter().map(source).collect::<Result<_>>()?;
+        }
         result.run = RunInfo {
             stage_times: result.diagnostics.stage_times.clone(),
             is_unchecked: rest.meta.is_none(),
@@ -107,5 +121,16 @@ fn detector(dir: &Path, name: &str, entry: DetectorEntry, meta: Option<&Meta>) -
         title: entry.title,
         num_rays_hit: entry.num_rays_hit,
         data,
+        luminous: None,
     })
+}
+
+/// What a detector saw in photometric units, with the maps of its file.
+fn luminous_of(dir: &Path, name: &str, entry: DetectorEntry, seen: Luminous) -> Result<Luminous> {
+    let Some(file) = entry.file.as_ref().map(|file| dir.join(file)) else { return Ok(seen) };
+    let is_intensity = entry.kind == DetectorFunction::FarField.name();
+    let mut stored = Stored::open(dir.join(REPORT), name, entry, file)?;
+    let seen = Luminous { is_intensity, ..seen };
+    let error = format!("{}_standard_error", seen.name());
+    Ok(Luminous { map: stored.array(seen.name())?, standard_error: stored.optional(&error)?, ..seen })
 }

@@ -38,11 +38,11 @@ pub struct Report(Map<String, Value>);
 
 /// The keys of the document, in the order in which they are written.
 const KEYS: &str = "schema program version scene num_rays_requested partial stopped_by target_error relative_error where guide \
-    first_ray of_rays scene_warnings seed max_depth min_flux_fraction precision sampler precision_reason adapter driver \
+    first_ray of_rays scene_warnings lamp_files photometric seed max_depth min_flux_fraction precision sampler precision_reason adapter driver \
     rays_per_sec num_rays_before num_rays_total num_rays_absorbed num_rays_escaped num_rays_flux_killed \
     num_rays_depth_killed total_flux_in total_flux_detected total_flux_tapped total_flux_absorbed \
     total_flux_bulk_absorbed total_flux_escaped total_flux_lost flux_conservation_error trace_time_sec first_rays_sec \
-    detectors surfaces ledger diagnostics paths paths_without_row recoated coatings coating_warnings paths_file gradients gradients_file ray_paths";
+    detectors photometry surfaces ledger diagnostics paths paths_without_row recoated coatings coating_warnings paths_file gradients gradients_file ray_paths";
 
 /// Names of the files that were written beside the document.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -67,6 +67,7 @@ impl Report {
         found.insert("schema".into(), json!(SCHEMA));
         found.insert("rays_per_sec".into(), json!(result.run.rays_per_sec(result.num_rays_total)));
         found.insert("detectors".into(), detectors(result, files).into());
+        found.extend(result.run.photometric.then(|| ("photometry".into(), photometry(result))));
         if let Some(table) = &result.paths {
             found.insert("paths".into(), json!(table.paths));
             found.extend((!table.other.is_empty()).then(|| ("paths_without_row".into(), json!(table.other))));
@@ -118,6 +119,18 @@ fn coatings(table: &PathTable) -> Vec<(String, Value)> {
         found.push(("coating_warnings".into(), json!(table.coating_warnings)));
     }
     found
+}
+
+/// Sources and detectors in photometric units.
+fn photometry(result: &TraceResult) -> Value {
+    let sources: Map<String, Value> =
+        result.sources.iter().map(|(name, seen)| (name.clone(), json!(seen))).collect();
+    let lit = result
+        .detectors
+        .iter()
+        .filter_map(|detector| Some((detector.name.clone(), detector.luminous.as_ref()?)));
+    let detectors: Map<String, Value> = lit.map(|(name, seen)| (name, seen.entry())).collect();
+    json!({"sources": sources, "detectors": detectors})
 }
 
 fn detectors(result: &TraceResult, files: &Files) -> Map<String, Value> {

@@ -2,6 +2,7 @@
 
 use crate::format::{plain, thousands};
 use crate::model::guide::{Guide, PLAIN_SHARE};
+use crate::model::sources::tabulated::LampFile;
 use crate::result::stopped_by::StoppedBy;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -46,6 +47,12 @@ pub struct RunInfo {
     pub stage_times: Vec<StageTime>,
     /// What the scene's reader found worth a warning.
     pub scene_warnings: Vec<String>,
+    /// True if results are in lumens, lux and candela as well.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub photometric: bool,
+    /// The lamp files that its sources name.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub lamp_files: Vec<LampFile>,
     /// True if the trace stopped before all its rays were launched.
     pub partial: bool,
     /// Why it stopped, if it did.
@@ -147,6 +154,8 @@ impl Default for RunInfo {
             first_rays_sec: None,
             stage_times: Vec::new(),
             scene_warnings: Vec::new(),
+            photometric: false,
+            lamp_files: Vec::new(),
             partial: false,
             stopped_by: None,
             target_error: None,

@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use crate::format::{plain, shown, significant, thousands};
 use crate::result::StoppedBy;
+use crate::result::photometry;
 use crate::result::{GuideInfo, LedgerEntry, PathTable, Recoated, TraceResult, few_rays, gradients};
 
 /// Rows of the table of paths that a report of a trace shows.
@@ -21,8 +22,16 @@ impl TraceResult {
             table + if is_without_edges { gradients::WITHOUT_EDGES } else { "" }
         });
         let parts = [self.header(), self.flux_table(), self.detector_table()];
+        let luminous = self.run.photometric.then(|| photometry::table(self));
         let last = [self.ledger_line(), self.warning_list()];
-        parts.into_iter().chain(gradients).chain(paths).chain(last).collect::<Vec<_>>().join("\n")
+        parts
+            .into_iter()
+            .chain(luminous)
+            .chain(gradients)
+            .chain(paths)
+            .chain(last)
+            .collect::<Vec<_>>()
+            .join("\n")
     }
 
     pub(crate) fn header(&self) -> String {

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::result::photometry::LuminousSource;
 use crate::result::{Detector, Diagnostics, Gradient, Ledger, PathTable, RayPaths, RunInfo};
 
 /// The results of one trace. Fluxes and counts have the names and meanings of Optiland's `SimulationResult`.
@@ -54,6 +55,9 @@ pub struct TraceResult {
     /// Light by its path, each sequence a row, if it was summed up so.
     #[serde(skip)]
     pub paths: Option<PathTable>,
+    /// What sources give in photometric units, by name, where the trace was asked for them.
+    #[serde(skip)]
+    pub sources: Vec<(String, LuminousSource)>,
     /// Derivatives by parameters, if any were asked for.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub gradients: Vec<Gradient>,

@@ -18,6 +18,7 @@
 use crate::model::SceneIr;
 use crate::model::ray_id::NUM_REPLICATES;
 use crate::result::few_rays::{Brought, FewRays};
+use crate::result::photometry::added_up;
 use crate::result::{DetectorTally, FluxUnit, Moments, QUANTA_PER_WEIGHT, Tally};
 
 /// Standard error of a sum over `num_rays` rays, in units of weight; NaN for a single ray, which says nothing.
@@ -267,6 +268,8 @@ pub(crate) struct Errors(Vec<DetectorError>);
 
 impl Errors {
     pub(crate) fn of(ir: &SceneIr, tally: &Tally) -> Self {
+        let (ir, tally) = added_up(ir, tally);
+        let (ir, tally) = (&*ir, &*tally);
         let uncertainty = Uncertainty::new(ir, tally, FluxUnit::new(QUANTA_PER_WEIGHT, 1));
         let lit = tally.detectors.iter().map(|detector| (detector, detector.total().quanta as f64));
         let errors = lit.filter(|(_, total)| *total > 0.0).map(|(detector, total)| DetectorError {

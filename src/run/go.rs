@@ -188,6 +188,8 @@ impl<'a> Run<'a> {
             precision_reason: choice.reason,
             precision_warning: choice.warning,
             scene_warnings: self.scene.warnings_in(options.precision),
+            lamp_files: self.scene.lamp_files.clone(),
+            photometric: self.photometric,
             target_error: self.target_error,
             has_no_gpu: gpu.stands_in_for_gpu(),
             ..options.run_info(&gpu.info)

@@ -43,6 +43,7 @@ use crate::gpu::{AdapterChoice, Gpu};
 use crate::guide::Guide;
 use crate::guide::learn::Wanted;
 use crate::model::SceneIr;
+use crate::result::photometry;
 use crate::run::checkpoint::Checkpoint;
 use crate::run::precision::WantedPrecision;
 use crate::scene::Scene;
@@ -92,6 +93,7 @@ pub struct Run<'a> {
     guiding: Option<Guiding>,
     resumed: Option<(PathBuf, Checkpoint)>,
     has_profile: bool,
+    photometric: bool,
     pass_time: Option<Duration>,
     /// From when the report counts the time to the first rays.
     pub(crate) start: Instant,
@@ -182,6 +184,7 @@ impl<'a> Run<'a> {
             guiding: None,
             resumed: None,
             has_profile: false,
+            photometric: false,
             pass_time: None,
             start: Instant::now(),
             say: &|_| {},
@@ -199,6 +202,22 @@ impl<'a> Run<'a> {
     /// Those of `change`.
     pub fn change_model(mut self, change: impl FnOnce(&mut SceneIr) -> Result<()>) -> Result<Self> {
         change(self.model.to_mut())?;
+        Ok(self)
+    }
+
+    /// Gives results in lumens, lux and candela beside watts. The scene that is traced then keeps light of each wavelength
+    /// apart, so other options come after this one.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if nobody sees light of the scene's wavelengths, or if they are too many to be kept apart.
+    pub fn photometric(mut self) -> Result<Self> {
+        if !photometry::is_visible(&self.model) {
+            return Err(Error::Usage(
+                "photometry: nobody sees light of the scene's wavelengths; give sources light of 0.38 to 0.78 um".into(),
+            ));
+        }
+        self.model = Cow::Owned(photometry::keep_apart(&self.model)?);
+        self.photometric = true;
         Ok(self)
     }
 

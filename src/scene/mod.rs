@@ -15,6 +15,8 @@ pub mod json;
 mod json_text;
 #[allow(clippy::wildcard_enum_match_arm, reason = "JSON's kinds of values are not the scene's")]
 mod json_tree;
+pub mod lamp_files;
+pub mod lamps;
 mod lower;
 pub mod materials;
 mod media;
@@ -38,6 +40,7 @@ use serde_json::Value;
 
 use crate::format::path_text;
 use crate::model::place::{quoted, ticked};
+use crate::model::sources::tabulated::LampFile;
 use crate::model::{Mesh, Precision, whole_files};
 use crate::scene::json::SceneFile;
 pub use crate::scene::lower::GuidedLight;
@@ -62,6 +65,8 @@ pub struct Scene {
     pub f32_warnings: Vec<String>,
     /// Folder that relative paths in the file start from; empty for a scene that was not read from a file.
     pub folder: PathBuf,
+    /// The lamp files whose tables are in `file`.
+    pub lamp_files: Vec<LampFile>,
     pub(crate) wavelengths: Vec<f64>,
     pub(crate) surfaces: Vec<SceneSurface>,
     pub(crate) meshes: Vec<Mesh>,
@@ -152,8 +157,9 @@ impl Scene {
 
     fn of_tree(tree: &json_tree::Value, folder: &Path) -> Result<Self> {
         check_versions(tree)?;
-        let file: SceneFile = de::typed(tree)?;
+        let mut file: SceneFile = de::typed(tree)?;
         let mut warnings = Vec::new();
+        let lamp_files = lamp_files::fill(&mut file, folder, &mut warnings)?;
         validate::check(&file, &mut warnings)?;
         let wavelengths = distinct_wavelengths(&file);
         let meshes = meshes::Meshes::load(&file, folder, &mut warnings)?;
@@ -162,7 +168,12 @@ impl Scene {
         let meshes = meshes.meshes;
         warnings.extend(warnings::of(&file, &surfaces, &meshes, &media, &wavelengths));
         let (f32_warnings, folder) = (warnings::of_f32(&surfaces), folder.to_owned());
-        Ok(Scene { file, warnings, f32_warnings, folder, wavelengths, surfaces, meshes, media })
+        Ok(Scene { file, warnings, f32_warnings, folder, lamp_files, wavelengths, surfaces, meshes, media })
+    }
+
+    /// True if some source says its flux in lumens, or its intensity in candela.
+    pub fn says_lumens(&self) -> bool {
+        self.file.sources.iter().any(|source| source.total_flux_lumens().is_some())
     }
 
     /// The warnings of a trace in this precision.

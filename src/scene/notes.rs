@@ -8,7 +8,7 @@ use crate::format::{MOST_NAMES, listed, shown, significant, thousands};
 use crate::model::shapes::FrontSide;
 use crate::model::sides::{Disagreement, MOST_WORK, SideFaults, wrong_sides};
 use crate::model::surface_optics::reflectance;
-use crate::model::{Bsdf, DetectorKind, Frame, Interaction, Scatter, SceneIr, Shape, Surface};
+use crate::model::{Bsdf, Frame, Interaction, Scatter, SceneIr, Shape, Surface};
 
 /// Everything that deserves a note.
 pub fn of(ir: &SceneIr) -> Vec<String> {
@@ -186,7 +186,7 @@ fn corners(ir: &SceneIr, frame: &Frame, shape: &Shape) -> Option<Corners> {
 /// How far the scene and each mesh reach.
 pub fn extents(ir: &SceneIr) -> Vec<String> {
     let surfaces = ir.surfaces.iter().filter_map(|surface| corners(ir, &surface.frame, &surface.shape));
-    let near = ir.detectors.iter().filter(|detector| !matches!(detector.kind, DetectorKind::FarField(_)));
+    let near = ir.detectors.iter().filter(|detector| detector.kind.is_placed());
     let detectors =
         near.filter_map(|detector| corners(ir, &detector.frame, &Shape::Plane(detector.outline())));
     let sources = ir.sources.iter().map(|source| (source.frame.origin, source.frame.origin));

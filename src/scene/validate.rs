@@ -157,8 +157,9 @@ fn check_doublet(place: &str, doublet: &Doublet) -> Result<()> {
 fn check_source(place: &str, source: &Source) -> Result<()> {
     coordinate_system(&key_of(place, "cs"), source.cs())?;
     check_spectrum(&key_of(place, "spectrum"), source.spectrum())?;
-    total_flux(key_of(place, "total_flux"), source.total_flux())?;
-    source.check(&|key| key_of(place, key))
+    source.check(&|key| key_of(place, key))?;
+    let key = if source.total_flux_lumens().is_some() { "total_flux_lumens" } else { "total_flux" };
+    total_flux(key_of(place, key), source.total_flux())
 }
 
 fn total_flux(place: String, flux: f64) -> Result<()> {

@@ -1,6 +1,7 @@
 //! What the window shows, without the window itself: results, traces and choices.
 
 use crate::error::{Error, Result};
+use crate::model::photometry;
 use crate::result::output::REPORT;
 use crate::result::picture::pyramid::Pyramid;
 use crate::result::picture::scale::{Scale, ScaleKind};
@@ -8,7 +9,6 @@ use crate::result::{Detector, DetectorData, PathColumns, SpectralMap, TraceResul
 use crate::viewer::field::{CellGeometry, Field};
 use crate::viewer::light::{Context, Light, RaysOfPaths};
 use crate::viewer::line_profile::Line;
-use crate::viewer::photometry;
 use crate::viewer::region::{EncircledEnergy, Region, Statistics};
 use crate::viewer::settings::Settings;
 use crate::viewer::spots::{SpotFigures, Spots};

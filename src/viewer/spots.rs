@@ -1,9 +1,9 @@
 //! The rays of a database as points: by place or by direction.
 
 use crate::error::Result;
+use crate::model::photometry;
 use crate::result::RayDatabase;
 use crate::viewer::field::Labels;
-use crate::viewer::photometry;
 use crate::viewer::region::{EncircledEnergy, Region, SpotMoments, encircled_energy};
 use glam::DVec3;
 use ndarray::Array1;

@@ -228,6 +228,84 @@ fn a_pupil_is_filled_uniformly_and_its_rays_go_through_it() {
     }
 }
 
+/// Shares of far-field bins, theta-major, of an intensity over polar angle and azimuth \[deg\], by midpoints.
+fn bins_of_intensity(num_theta: usize, num_phi: usize, intensity: impl Fn(f64, f64) -> f64) -> Vec<f64> {
+    const PARTS: usize = 40;
+    let (d_theta, d_phi) = (90.0 / (num_theta * PARTS) as f64, 360.0 / (num_phi * PARTS) as f64);
+    let bin = |i: usize| -> f64 {
+        let (row, column) = ((i / num_phi * PARTS) as f64, (i % num_phi * PARTS) as f64);
+        let parts = (0..PARTS * PARTS).map(|k| {
+            let theta = (row + (k / PARTS) as f64 + 0.5) * d_theta;
+            let phi = (column + (k % PARTS) as f64 + 0.5) * d_phi - 180.0;
+            intensity(theta, phi) * theta.to_radians().sin()
+        });
+        parts.sum()
+    };
+    let all: Vec<f64> = (0..num_theta * num_phi).map(bin).collect();
+    let total: f64 = all.iter().sum();
+    all.into_iter().map(|share| share / total).collect()
+}
+
+/// A lamp's far field is its table, linear between the table's angles: with two planes of symmetry, with none, and with dark
+/// angles between two rings of light.
+#[test]
+fn the_far_field_of_a_lamp_is_its_table() {
+    let polar = [0.0, 20.0, 45.0, 50.0, 90.0];
+    let quadrant =
+        [[100.0, 80.0, 60.0, 0.0, 0.0], [100.0, 20.0, 10.0, 50.0, 5.0], [100.0, 60.0, 0.0, 10.0, 40.0]];
+    let whole = [[9.0, 1.0, 0.0, 0.0, 3.0], [9.0, 4.0, 0.0, 0.0, 0.0], [9.0, 0.0, 0.0, 0.0, 8.0]];
+    let between = |at: &[f64], x: f64| -> (usize, f64) {
+        let i = at.partition_point(|edge| *edge <= x).clamp(1, at.len() - 1) - 1;
+        (i, (x - at[i]) / (at[i + 1] - at[i]))
+    };
+    let value = |planes: &[f64], rows: &[[f64; 5]], theta: f64, azimuth: f64| {
+        let ((i, x), (j, y)) = (between(planes, azimuth), between(&polar, theta));
+        let row = |i: usize| rows[i][j] * (1.0 - y) + rows[i][j + 1] * y;
+        row(i) * (1.0 - x) + row(i + 1) * x
+    };
+    let mirrored = |theta: f64, phi: f64| {
+        let azimuth = phi.abs().min(180.0 - phi.abs());
+        value(&[0.0, 30.0, 90.0], &quadrant, theta, azimuth)
+    };
+    let around = |theta: f64, phi: f64| {
+        let rows = [whole[0], whole[1], whole[2], whole[0]];
+        value(&[0.0, 100.0, 220.0, 360.0], &rows, theta, phi.rem_euclid(360.0))
+    };
+    let revolved = |theta: f64, _: f64| value(&[0.0, 360.0], &[whole[1]; 2], theta, 0.0);
+    let cases: [(&str, serde_json::Value, &dyn Fn(f64, f64) -> f64); 3] = [
+        (
+            "a lamp of four quarters",
+            json!({ "azimuth_angles_deg": [0, 30, 90], "intensity": quadrant, "width": 2.0, "height": 3.0 }),
+            &mirrored,
+        ),
+        (
+            "a lamp without symmetry",
+            json!({ "azimuth_angles_deg": [0, 100, 220, 360], "intensity": [whole[0], whole[1], whole[2], whole[0]],
+                "radius": 2.0 }),
+            &around,
+        ),
+        ("a lamp of revolution", json!({ "intensity": whole[1] }), &revolved),
+    ];
+    for tier in tiers("lamps") {
+        for (form, mut source, intensity) in cases.clone() {
+            source["polar_angles_deg"] = json!(polar);
+            let bench = Bench::new().source("tabulated", at(0.0, 0.0, 0.0), source).detector(
+                "far_field",
+                "up",
+                at(0.0, 0.0, 1e-3),
+                json!({ "num_bins_theta": 18, "num_bins_phi": 12 }),
+            );
+            let hits = far_field(&bench.trace(&tier, MILLION), "up").hits;
+            let all = bins_of_intensity(18, 12, intensity);
+            let (counts, expected): (Vec<u64>, Vec<f64>) =
+                hits.iter().copied().zip(all).filter(|(count, share)| *count > 0 || *share > 1e-9).unzip();
+            chi_square(&tier.name(form), &counts, &expected, MILLION).accepted();
+            let turned: Vec<f64> = expected.iter().cycle().skip(1).take(expected.len()).copied().collect();
+            chi_square("planted: one bin further", &counts, &turned, MILLION).rejected();
+        }
+    }
+}
+
 #[test]
 fn wavelengths_are_drawn_by_weight_and_land_in_their_bins() {
     for tier in tiers("spectrum") {

@@ -2,23 +2,27 @@
 
 use crate::bench::{Bench, Setting};
 use crate::checks::Outcome;
+use crate::zoo;
 use glam::{DMat3, DVec2, DVec3};
+use nsq_gpu::guide::learn::Wanted;
 use nsq_gpu::model::ray_id::{self, NUM_REPLICATES};
 use nsq_gpu::model::shapes::aperture::{ApertureOutline, Axes};
 use nsq_gpu::model::shapes::freeform::Polynomial;
 use nsq_gpu::model::shapes::{Biconic, Freeform, SagSurface, Toroidal};
-use nsq_gpu::model::sources::Aim;
+use nsq_gpu::model::sources::{self, Aim, IntensityTable};
 use nsq_gpu::model::{
     Aperture, AsphereProfile, Bsdf, BsdfTable, ClippedConic, Coating, CoatingRow, Collimated, Conic,
-    Detector, DetectorKind, Extended, FarField, Frame, Interaction, KCorrelation, Medium, Mesh, MeshId,
-    Outline, PixelGrid, Point, Pupil, RayDatabase, ReflectProb, Sampling, Scatter, SceneIr, Shape,
-    SimpleCoating, Source, SourceKind, Spectral, Spectrum, Splat, Surface, Tabulated, TabulatedCoating,
+    Detector, DetectorKind, End, Extended, FarField, Frame, Interaction, KCorrelation, Medium, Mesh, MeshId,
+    Outline, PathFilter, PixelGrid, Point, Pupil, RayDatabase, ReflectProb, Sampling, Scatter, SceneIr,
+    Shape, SimpleCoating, Source, SourceKind, Spectral, Spectrum, Splat, Surface, Tabulated,
+    TabulatedCoating,
 };
 use nsq_gpu::program::layout::rng;
 use nsq_gpu::program::{Precision, Sampler};
 use nsq_gpu::result::{DetectorData, Ledger, PathEvent, PathEventKind, RayRow, Tally};
-use nsq_gpu::run::RecordPaths;
+use nsq_gpu::run::{Collect, RecordPaths};
 use nsq_gpu::{StandardError, TraceResult};
+use std::sync::Arc;
 
 /// The closed form of this name.
 pub fn named(name: &str) -> Option<fn(&Bench) -> Outcome> {
@@ -38,6 +42,9 @@ pub fn named(name: &str) -> Option<fn(&Bench) -> Outcome> {
         "clipped" => clipped,
         "pupil" => pupil,
         "aimed" => aimed,
+        "lamp" => lamp,
+        "guided plate" => guided_plate,
+        "guided ghost" => guided_ghost,
         "ties" => ties,
         "many faces" => many_faces,
         "points over an area" => points_over_an_area,
@@ -576,6 +583,109 @@ fn pupil(bench: &Bench) -> Outcome {
         true => Ok(()),
         false => Err(format!("a disk of {widest} mm, {reach:?} along x and y")),
     }
+}
+
+/// Orders of a coated plate by guided rays: T1 T2 (R1 R2)^k after 2 k reflections. Roulette begins at the first face.
+fn guided_plate(bench: &Bench) -> Outcome {
+    plate_by_guide(bench, None)
+}
+
+/// The same, where rays follow the first ghost alone.
+fn guided_ghost(bench: &Bench) -> Outcome {
+    plate_by_guide(bench, Some("reflections == 2"))
+}
+
+fn plate_by_guide(bench: &Bench, filter: Option<&str>) -> Outcome {
+    const NUM_RAYS: u64 = 40_000;
+    let faces = [(0.01, 0.5), (0.002, 0.4)];
+    let mut surfaces = vec![
+        plane("front", 5.0, Interaction::Refractive, 0, 1),
+        plane("back", 6.0, Interaction::Refractive, 1, 0),
+    ];
+    for (surface, (r, t)) in surfaces.iter_mut().zip(faces) {
+        let coating = SimpleCoating { reflectance: vec![r], transmittance: vec![t] };
+        surface.coating = Some(Coating::Simple(coating));
+    }
+    let mut ir = scene(beam(), surfaces, vec![pixels("through", 10.0)]);
+    ir.sampling = Sampling::default();
+    let filter = filter.map(|text| Arc::new(PathFilter::parse(text, &ir).unwrap()));
+    let mut setting = Setting::default();
+    setting.options.collect = Collect::paths();
+    setting.options.num_rays = NUM_RAYS;
+    setting.options.max_depth = 40;
+    setting.options.min_flux_fraction = 0.9;
+    setting.options.path_filter = filter.clone();
+    let wanted = Wanted { top: 3, filter: filter.clone(), ..Wanted::default() };
+    setting.options = zoo::guided(&ir, &setting.options, 1 << 16, &wanted);
+    let tally = bench.path_tally(&ir, &setting)?;
+    let imbalance = zoo::result_of(&ir, &setting.options, &tally).ledger.imbalance_quanta;
+    if imbalance != 0 {
+        return Err(format!("the ledger is off by {imbalance} quanta"));
+    }
+    let sums = tally.path_sums.as_ref().ok_or("no table")?;
+    let [(r1, t1), (r2, t2)] = faces;
+    for order in if filter.is_some() { 1..2 } else { 0..3 } {
+        let row = sums
+            .rows
+            .iter()
+            .find(|(path, _)| path.end == End::Detector(0) && path.reflections() == 2 * order as usize);
+        let [flux, error] =
+            row.map_or([0.0; 2], |(_, sum)| zoo::sum_and_error(sum, NUM_RAYS).map(|x| x / NUM_RAYS as f64));
+        let exact = t1 * t2 * f64::powi(r1 * r2, order);
+        // Where each ray follows the ghost, all weigh the same but for roulette.
+        if (flux - exact).abs() > 5.0 * error.max(1e-6 * exact) || error > 0.05 * exact {
+            return Err(format!("order {order} has {flux} +- {error}, not {exact}"));
+        }
+    }
+    Ok(())
+}
+
+/// A lamp behind one with another table: a share of its light in each quarter of azimuths and each of three rings, of which
+/// intensity falls linearly along one angle.
+fn lamp(bench: &Bench) -> Outcome {
+    let table = |polar: &[f64], rows: Vec<Vec<f64>>| {
+        let step = std::f64::consts::TAU / (rows.len() - 1) as f64;
+        let azimuth = (0..rows.len()).map(|i| i as f64 * step).collect();
+        IntensityTable { polar: polar.to_vec(), azimuth, rows }
+    };
+    let lamp = |table| {
+        SourceKind::Tabulated(sources::Tabulated {
+            area: Outline::Disk { radius: 0.0 },
+            table: Arc::new(table),
+        })
+    };
+    // Along the azimuth from 0 to 4 and back; along the polar angle from 1 to 0.
+    let rows = [0.0, 4.0, 4.0, 2.0, 0.0].map(|share| vec![share, 0.5 * share, 0.0]).to_vec();
+    let half = std::f64::consts::FRAC_PI_2;
+    let mut ir = scene(lamp(table(&[0.0, 1.0], vec![vec![1.0, 1.0]; 2])), vec![], vec![sky()]);
+    ir.sources[0].frame = at(20.0);
+    ir.sources.push(Source {
+        name: "second".into(),
+        kind: lamp(table(&[0.0, half / 2.0, half], rows)),
+        frame: at(9.999),
+        ..ir.sources[0].clone()
+    });
+    let mut setting = Setting::default();
+    setting.options.num_rays = 200_000;
+    let result = bench.result(&ir, &setting);
+    let DetectorData::FarField(pattern) = &result.detectors[0].data else {
+        return Err("no far field".into());
+    };
+    let num = pattern.hits.sum();
+    // Integrals of the slope over each quarter: 2, 4, 3 and 1 of 10. Columns begin at -180 degrees.
+    for (quarter, share) in [(0, 0.3), (1, 0.1), (2, 0.2), (3, 0.4)] {
+        let hits: u64 =
+            (0..18).flat_map(|i| [2 * quarter, 2 * quarter + 1].map(|j| pattern.hits[[i, j]])).sum();
+        near("a quarter", hits as f64 / num as f64, share, num, 1.0)?;
+    }
+    // (1 - theta / a) sin(theta), a = pi / 2, has the integral 1 - cos(t) + (t cos(t) - sin(t)) / a up to t, of 1 - 1 / a.
+    let below = |t: f64| (1.0 - t.cos() + (t * t.cos() - t.sin()) / half) / (1.0 - 1.0 / half);
+    for row in 0..18 {
+        let edges = [row, row + 1].map(|edge| half * edge as f64 / 18.0);
+        let hits: u64 = (0..8).map(|j| pattern.hits[[row, j]]).sum();
+        near("a ring", hits as f64 / num as f64, below(edges[1]) - below(edges[0]), num, 1.0)?;
+    }
+    Ok(())
 }
 
 fn pupil_of(beam_radii: [f64; 2], chief: [f64; 3], pupil_radii: [f64; 2], aimed: Vec<Aim>) -> Pupil {

@@ -65,6 +65,7 @@ pub fn of_source(source: &Source) -> &'static str {
             "extended disk"
         }
         SourceKind::Pupil(_) => "pupil",
+        SourceKind::Tabulated(_) => "lamp",
     }
 }
 

@@ -12,7 +12,7 @@ use nsq_gpu::model::path_filter::{Count, Events, Mark, Part, PathFilter, Pattern
 use nsq_gpu::model::shapes::aperture::{ApertureOutline, Axes};
 use nsq_gpu::model::shapes::freeform::Polynomial;
 use nsq_gpu::model::shapes::{Biconic, Freeform, SagSurface, Toroidal};
-use nsq_gpu::model::sources::Aim;
+use nsq_gpu::model::sources::{self, Aim, IntensityTable};
 use nsq_gpu::model::{
     Annulus, Aperture, AsphereProfile, Bsdf, BsdfKind, BsdfTable, ClippedConic, Coating, CoatingRow,
     Collimated, Conic, Detector, DetectorKind, Extended, FarField, Frame, Frustum, HarveyShack, Interaction,
@@ -150,7 +150,8 @@ fn source_after(name: SourceFunction) -> Option<SourceFunction> {
         SourceFunction::CollimatedGaussian => Some(SourceFunction::ExtendedRectangle),
         SourceFunction::ExtendedRectangle => Some(SourceFunction::ExtendedDisk),
         SourceFunction::ExtendedDisk => Some(SourceFunction::Pupil),
-        SourceFunction::Pupil => None,
+        SourceFunction::Pupil => Some(SourceFunction::Tabulated),
+        SourceFunction::Tabulated => None,
     }
 }
 
@@ -797,6 +798,15 @@ pub fn source_of(name: SourceFunction) -> SourceKind {
         }
         SourceFunction::ExtendedDisk => {
             SourceKind::Extended(Extended { area: Outline::Disk { radius: 2.0 }, half_angle: 2.0 })
+        }
+        SourceFunction::Tabulated => {
+            let row = vec![1.0, 0.0];
+            let table = IntensityTable {
+                polar: vec![0.0, 0.5],
+                azimuth: vec![0.0, std::f64::consts::TAU],
+                rows: vec![row.clone(), row],
+            };
+            SourceKind::Tabulated(sources::Tabulated { area: rectangle, table: Arc::new(table) })
         }
         SourceFunction::Pupil => SourceKind::Pupil(Pupil {
             beam_radii: [1.0, 2.0],

@@ -17,10 +17,14 @@ use devices::Devices;
 pub use files::{json_files, repository};
 use forced::Asked;
 use nsq_gpu::gpu::{AdapterChoice, Gpu, Native};
+use nsq_gpu::guide::Guide;
+use nsq_gpu::guide::learn::{Wanted, learn};
 use nsq_gpu::model::{Coating, Interaction, SceneIr, SimpleCoating};
 use nsq_gpu::program::Precision;
-use nsq_gpu::result::{RunInfo, Tally};
+use nsq_gpu::result::{PathSum, QUANTA_PER_WEIGHT, RunInfo, Tally};
+use nsq_gpu::run::{Collect, ForAdapter, PipelineCache, Shaders};
 use nsq_gpu::{Scene, TraceOptions, TraceResult, Tracer};
+use std::sync::Arc;
 
 /// The device of a test; its shaders run with every run-time check.
 pub fn gpu() -> &'static Gpu {
@@ -89,6 +93,30 @@ pub fn trace_on(gpu: &Gpu, ir: &SceneIr, options: &impl Asked) -> Tally {
 /// Traces all rays on the device of this test.
 pub fn trace(ir: &SceneIr, options: &impl Asked) -> Tally {
     trace_on(gpu(), ir, options)
+}
+
+/// The same options, guided by what a pilot for so many rays learns.
+pub fn guided(ir: &SceneIr, options: &TraceOptions, num_rays: u64, wanted: &Wanted) -> TraceOptions {
+    let cache = PipelineCache::new();
+    let shaders = Shaders { cache: Some(&cache), edit: None };
+    let pilot = |guide: &Guide, num_rays, round| {
+        let options = TraceOptions {
+            num_rays,
+            seed: options.seed + 1000 * (round as u64 + 1),
+            guide: Some(Arc::new(guide.clone())),
+            collect: Collect::paths(),
+            ..options.clone()
+        };
+        Tracer::with(gpu(), ir, &options, ForAdapter::WhatPays, shaders)?.trace(|_| true)
+    };
+    let learned = learn(ir, wanted, num_rays, pilot).unwrap();
+    TraceOptions { guide: Some(Arc::new(learned.guide)), ..options.clone() }
+}
+
+/// Flux in units of a new ray's weight, and its error, of a sum over rays.
+pub fn sum_and_error(sum: &PathSum, num_rays: u64) -> [f64; 2] {
+    let [sum, squares] = [sum.quanta, sum.squares].map(|quanta| quanta as f64 / QUANTA_PER_WEIGHT);
+    [sum, (squares - sum * sum / num_rays as f64).max(0.0).sqrt()]
 }
 
 /// The tally of each of these seeds, with no shader to compile for each.

@@ -15,7 +15,7 @@ from optiland.nonsequential.sources.point import PointSource
 
 from nsq_gpu.export.materials import Media
 from nsq_gpu.export.values import Json, coordinate_system, drop_gradient, number, numbers, optional, refuse_type, rows
-from nsq_gpu.sources import Aim, PupilSource
+from nsq_gpu.sources import Aim, PupilSource, TabulatedSource, is_of_its_lumens
 
 
 def spectra(scene: NSQScene) -> list[Json]:
@@ -42,16 +42,25 @@ def _source(name: str, source: Any, spectrum: Json, media: Media) -> Json:
     place = f"source {name!r}"
     kind = _KINDS.get(type(source))
     if kind is None:
-        raise refuse_type(place, "it", source, "a PointSource, CollimatedSource, ExtendedSource or PupilSource")
+        raise refuse_type(place, "it", source, "a PointSource, CollimatedSource, ExtendedSource, PupilSource or TabulatedSource")
     return {
         "type": kind[0],
         "name": name,
         "cs": coordinate_system(source.cs, place),
         "spectrum": spectrum,
-        "total_flux": number(source.total_flux, f"{place}: total_flux"),
+        **_flux(source, place),
         **kind[1](source, place),
         "medium": media.reference(source.medium, f"{place}: medium"),
     }
+
+
+def _flux(source: Any, place: str) -> Json:
+    """Return the flux in the unit that it was given in; the live ``total_flux`` is the truth."""
+    if type(source) is TabulatedSource and source.is_of_its_table:
+        return {}
+    if is_of_its_lumens(source):
+        return {"total_flux_lumens": number(source.total_flux_lumens, f"{place}: total_flux_lumens")}
+    return {"total_flux": number(source.total_flux, f"{place}: total_flux")}
 
 
 def _point(source: Any, place: str) -> Json:
@@ -83,6 +92,18 @@ def _pupil(source: Any, place: str) -> Json:
     return written
 
 
+def _tabulated(source: Any, place: str) -> Json:
+    opening = {key: number(getattr(source, key), f"{place}: {key}") for key in ("width", "height", "radius")
+               if getattr(source, key) is not None}
+    return {
+        "polar_angles_deg": numbers(source.polar_angles_deg, f"{place}: polar_angles_deg"),
+        "azimuth_angles_deg": numbers(source.azimuth_angles_deg, f"{place}: azimuth_angles_deg"),
+        "intensity": rows(source.intensity, f"{place}: intensity"),
+        "intensity_units": source.intensity_units if source.is_of_its_table else "relative",
+        **opening,
+    }
+
+
 def _aim(aim: Any, place: str) -> Json:
     if type(aim) is not Aim:
         raise refuse_type(place, "it", aim, "nsq_gpu.sources.Aim")
@@ -95,4 +116,5 @@ _KINDS: dict[type, tuple[str, Callable[[Any, str], Json]]] = {
     CollimatedSource: ("collimated", _collimated),
     ExtendedSource: ("extended", _extended),
     PupilSource: ("pupil", _pupil),
+    TabulatedSource: ("tabulated", _tabulated),
 }

@@ -27,13 +27,14 @@ from nsq_gpu.lensfiles.system import System
 _TEXT: dict[str, Callable[[str, Reading], Any]] = {".zmx": zemax.read, ".seq": codev.read, ".len": oslo.read}
 #: Ends of the names of files that are lenses.
 SUFFIXES = (*_TEXT, ".json")
+_LAMP = "a lamp, and no lens: read it by nsq_gpu.sources.TabulatedSource.from_file"
 #: What to do with other files.
 _INSTEAD = {
     ".zar": "unpack the archive, and read the .zmx file in it", ".zos": "save the lens as .zmx", ".zmf": "a catalogue of lenses: save one as .zmx",
     ".lens": "save the lens as CODE V's .seq", ".roa": "save the lens of rayoptics as .zmx or .seq", ".agf": "a catalogue of glasses, and no lens",
     ".stl": "a mesh: build a scene with it", ".step": "a solid: save it as a mesh (.stl), and build a scene with it",
     ".stp": "a solid: save it as a mesh (.stl), and build a scene with it", ".json5": "a scene: nsq-gpu trace reads it",
-    ".ies": "a lamp, and no lens", ".ldt": "a lamp, and no lens"}
+    ".ies": _LAMP, ".ldt": _LAMP}
 
 
 def read_lens(path: str | os.PathLike[str], *, unknown: str = "refuse", glasses: Mapping[str, Any] | None = None,

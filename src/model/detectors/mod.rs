@@ -4,12 +4,14 @@
 //! src/result/detectors/. docs/adding-a-kind.md says how to add one. A detector is the plane z = 0 of its own frame.
 //! Lengths are in mm, angles in rad.
 
+pub mod apart;
 pub mod far_field;
 pub mod grid;
 pub mod irradiance;
 pub mod ray_database;
 pub mod spectral;
 
+pub use crate::model::detectors::apart::Apart;
 pub use crate::model::detectors::far_field::{FAR_FIELD_RADIUS, FarField};
 pub use crate::model::detectors::ray_database::RayDatabase;
 pub use crate::model::detectors::spectral::Spectral;
@@ -34,6 +36,10 @@ kinds! {
     FarField(far_field::FarField) by FarField = FAR_FIELD;
     /// Every ray.
     RayDatabase(ray_database::RayDatabase) by RayDatabase = RAY_DATABASE;
+    unwritten {
+        /// Light of each wavelength kept apart.
+        Apart(apart::Apart) by ApartFarField = APART_FAR_FIELD;
+    }
 }
 
 /// Makes what scene files have of a detector: the keys of all detectors around its own.

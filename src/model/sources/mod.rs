@@ -8,16 +8,18 @@ pub mod collimated;
 pub mod extended;
 pub mod point;
 pub mod pupil;
+pub mod tabulated;
 
 pub use crate::model::sources::collimated::Collimated;
 pub use crate::model::sources::extended::Extended;
 pub use crate::model::sources::point::Point;
 pub use crate::model::sources::pupil::{Aim, Pupil};
+pub use crate::model::sources::tabulated::{IntensityTable, Tabulated};
 
 use crate::Result;
-use crate::model::Outline;
 use crate::model::list::kinds;
 use crate::model::written::{CoordinateSystem, Material, Spectrum};
+use crate::model::{Outline, checks, photometry};
 use crate::shaders::ShaderFile;
 
 kinds! {
@@ -33,6 +35,8 @@ kinds! {
     Extended(extended::Extended) by ExtendedRectangle = RECTANGLE, ExtendedDisk = DISK;
     /// The light of one field of a lens.
     Pupil(pupil::Pupil) by Pupil = PUPIL;
+    /// A lamp by a table of its intensity.
+    Tabulated(tabulated::Tabulated) by Tabulated = TABULATED;
 }
 
 /// Makes what scene files have of a source: the keys of all sources around its own.
@@ -54,7 +58,11 @@ macro_rules! written {
             /// Discrete spectrum.
             pub spectrum: $crate::model::written::Spectrum,
             /// Flux \[W\].
-            pub total_flux: f64,
+            #[serde(default)]
+            pub total_flux: Option<f64>,
+            /// Flux \[lm\], instead of `total_flux`.
+            #[serde(default)]
+            pub total_flux_lumens: Option<f64>,
             $($(#[$key_attribute])* pub $key: $type,)*
             /// Medium around the source.
             #[serde(default)]
@@ -63,8 +71,15 @@ macro_rules! written {
 
         impl $crate::model::sources::HasShared for $name {
             fn shared(&self) -> $crate::model::sources::Shared<'_> {
-                let $name { name, cs, spectrum, total_flux, medium, .. } = self;
-                $crate::model::sources::Shared { name, cs, spectrum, total_flux: *total_flux, medium }
+                let $name { name, cs, spectrum, total_flux, total_flux_lumens, medium, .. } = self;
+                $crate::model::sources::Shared {
+                    name,
+                    cs,
+                    spectrum,
+                    total_flux: *total_flux,
+                    total_flux_lumens: *total_flux_lumens,
+                    medium,
+                }
             }
         }
     };
@@ -107,6 +122,11 @@ pub trait Emission: std::fmt::Debug {
         false
     }
 
+    /// True if its rays are aimed at the stop of a lens.
+    fn is_aimed(&self) -> bool {
+        false
+    }
+
     /// True if directions are drawn by Lambert's law.
     fn is_lambertian(&self) -> bool {
         false
@@ -123,7 +143,8 @@ struct Shared<'a> {
     name: &'a str,
     cs: &'a CoordinateSystem,
     spectrum: &'a Spectrum,
-    total_flux: f64,
+    total_flux: Option<f64>,
+    total_flux_lumens: Option<f64>,
     medium: &'a Material,
 }
 
@@ -139,6 +160,20 @@ trait WrittenSource: HasShared {
 
     /// How its rays are born.
     fn kind(&self) -> SourceKind;
+
+    /// The flux that its own numbers say, if they do.
+    fn own_flux(&self) -> Option<OwnFlux> {
+        None
+    }
+}
+
+/// Flux that a source's own numbers say.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum OwnFlux {
+    /// \[W\]
+    Watts(f64),
+    /// \[lm\]
+    Lumens(f64),
 }
 
 impl Written {
@@ -159,7 +194,65 @@ impl Written {
 
     /// Flux \[W\].
     pub fn total_flux(&self) -> f64 {
-        self.entry().shared().total_flux
+        match (self.entry().own_flux(), self.total_flux_lumens()) {
+            (Some(OwnFlux::Watts(watts)), _) => watts,
+            (_, Some(lumens)) => lumens / photometry::efficacy_of(self.spectrum()),
+            _ => self.entry().shared().total_flux.unwrap_or(0.0),
+        }
+    }
+
+    /// Flux \[lm\], of a source that says its flux in lumens or its intensity in candela.
+    pub fn total_flux_lumens(&self) -> Option<f64> {
+        match self.entry().own_flux() {
+            Some(OwnFlux::Watts(_)) => None,
+            Some(OwnFlux::Lumens(lumens)) => Some(lumens),
+            None => self.entry().shared().total_flux_lumens,
+        }
+    }
+
+    /// Refuses a flux that is missing, or is said twice, or is said in lumens of light that nobody sees.
+    fn check_flux(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
+        let Shared { total_flux, total_flux_lumens, spectrum, .. } = self.entry().shared();
+        match (self.entry().own_flux(), total_flux, total_flux_lumens) {
+            (None, None, None) => {
+                return checks::refuse(
+                    at("total_flux"),
+                    "the source has no flux",
+                    "give total_flux in W, or total_flux_lumens in lm",
+                );
+            }
+            (Some(_), Some(_), _) => {
+                return checks::refuse(
+                    at("total_flux"),
+                    "the intensities say the flux as well",
+                    "leave it out, or give the intensity in units of `relative`",
+                );
+            }
+            (Some(_), _, Some(_)) => {
+                return checks::refuse(
+                    at("total_flux_lumens"),
+                    "the intensities say the flux as well",
+                    "leave it out, or give the intensity in units of `relative`",
+                );
+            }
+            (None, Some(_), Some(_)) => {
+                return checks::refuse(
+                    at("total_flux_lumens"),
+                    "the source has a total_flux in W as well",
+                    "give one of the two",
+                );
+            }
+            (None, Some(_), None) | (None, None, Some(_)) | (Some(_), None, None) => {}
+        }
+        let is_seen = photometry::is_visible(photometry::efficacy_of(spectrum));
+        if self.total_flux_lumens().is_some() && !is_seen {
+            return checks::refuse(
+                at("spectrum"),
+                "the flux is in lumens, and nobody sees light of these wavelengths",
+                "give wavelengths within 0.38 to 0.78 um, or the flux in W",
+            );
+        }
+        Ok(())
     }
 
     /// Medium around the source.
@@ -172,7 +265,8 @@ impl Written {
     /// # Errors
     /// [`crate::Error::Scene`] with the place and a remedy.
     pub fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
-        self.entry().check(at)
+        self.entry().check(at)?;
+        self.check_flux(at)
     }
 
     /// How its rays are born.

@@ -190,6 +190,10 @@ impl Emission for Pupil {
         (x.abs() + across.abs() + aimed_x).hypot(y.abs() + up.abs() + aimed_y).atan2(z)
     }
 
+    fn is_aimed(&self) -> bool {
+        !self.aimed.is_empty()
+    }
+
     fn is_point(&self) -> bool {
         let [x, y, ..] = self.most_aimed();
         [self.beam_radii, [x, y]] == [[0.0; 2]; 2]

@@ -157,7 +157,7 @@ const SLOTS: &[Slot] = slots! { c;
 
 impl Case<'_> {
     /// Files that have no twin, and when a scene takes them.
-    fn single(&self, additions: &ShaderAdditions) -> [(bool, ShaderFile); 6] {
+    fn single(&self, additions: &ShaderAdditions) -> [(bool, ShaderFile); 8] {
         let (f, o) = (self.f, self.o);
         [
             (!f.splits, shader!("stages/intersect.wgsl")),
@@ -165,6 +165,8 @@ impl Case<'_> {
             (f.reads_media(), shader!("optics/media.wgsl")),
             (f.has_tables(), shader!("optics/tables.wgsl")),
             (self.all.has_trees(), shader!("geometry/boxes.wgsl")),
+            (f.reads_bins(), shader!("detectors/bins.wgsl")),
+            (f.has_far_fields_apart_alone(), shader!("detectors/far_field.wgsl")),
             (o.has_events(f) || additions.rows_per_ray(o.max_depth) > 0, shader!("rows/events.wgsl")),
         ]
     }

@@ -14,7 +14,7 @@ pub use crate::result::detectors::irradiance::IrradianceMap;
 pub use crate::result::detectors::ray_database::{RayColumns, RayDatabase};
 pub use crate::result::detectors::spectral::SpectralMap;
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::model::{self, DetectorFunction, DetectorKind};
 use crate::result::npz::ArrayWriter;
 pub(crate) use crate::result::png::figures::Span;
@@ -41,6 +41,9 @@ macro_rules! list {
             pub(crate) fn new(sums: &Sums<'_>) -> Result<Self> {
                 match &sums.detector.kind {
                     $(DetectorKind::$name(kind) => $file::$type::new(kind, sums).map(DetectorData::$name),)+
+                    DetectorKind::Apart(_) => {
+                        Err(Error::Internal("a result is made before its wavelengths are added up".into()))
+                    }
                 }
             }
 
