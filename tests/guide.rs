@@ -11,13 +11,14 @@ mod zoo;
 use command::{run, stderr};
 use zoo::{guided, sum_and_error};
 
+use nsq_gpu::guide::Guide;
 use nsq_gpu::guide::learn::Wanted;
 use nsq_gpu::guide::table::PLAIN_SHARE;
 use nsq_gpu::model::{PathFilter, ReflectProb, SceneIr, StepKind};
 use nsq_gpu::paths::rows::{TableOptions, flux_unit, table};
 use nsq_gpu::program::{Precision, Sampler};
 use nsq_gpu::result::{Grouping, LightPath, PathSum, QUANTA_PER_WEIGHT, Tally};
-use nsq_gpu::run::{Collect, ForAdapter, PipelineCache, Shaders, StandardError};
+use nsq_gpu::run::{Collect, StandardError};
 use nsq_gpu::{Error, TraceOptions, Tracer};
 use std::sync::Arc;
 

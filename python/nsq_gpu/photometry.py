@@ -38,8 +38,8 @@ def luminous_efficacy(spectrum: Spectrum) -> float:
     if not efficacy >= _LEAST * PEAK:
         shown = ", ".join(f"{wavelength:g}" for wavelength in spectrum.wavelengths[:4])
         more = ", ..." if len(spectrum.wavelengths) > 4 else ""
-        raise UsageError(f"spectrum: its light, at {shown}{more} um, is not visible, so that lumens and candelas say nothing of it; "
-                         "give total_flux in W, or wavelengths from 0.38 to 0.78 um")
+        raise UsageError(f"spectrum: its light, at {shown}{more} um, is not visible, and has no lumens; give total_flux in W, or "
+                         "wavelengths from 0.38 to 0.78 um")
     return efficacy
 
 

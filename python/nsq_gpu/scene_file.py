@@ -1,8 +1,8 @@
 """Scene files -> live scenes.
 
 Optiland's own ``from_json`` knows nothing of the ``nsq_gpu`` block and leaves a source's medium as a string. This
-module imports no other one of the package, but where a scene has a source, a shape, a coating or a scattering law of its own, or a flux
-in lumens: ``nsq-bench`` carries it alone.
+module imports no other one of the package, but where a scene has a source, a shape, a coating or a scattering law of its own, or
+a flux in lumens: ``nsq-bench`` carries it alone.
 
 Which materials are one object matters to Optiland, because its medium stack compares identities: every component of
 version 1 resolves its own catalog glass, a medium of the block is one object per name, and the block's surfaces and
@@ -217,7 +217,7 @@ def scene_from_dict(document: Json, folder: Path | None = None) -> NSQScene:
     scene = NSQScene()
     _add_components(scene, document, block, materials, folder)
     for spec in document.get("sources", []):
-        _add_source(scene, spec, materials)
+        _add_source(scene, spec, materials, folder)
     for spec in document.get("detectors", []):
         extra = block.get("detectors", {}).get(spec["name"], {})
         scene.add_detector(spec["name"], _frame(spec["cs"]), _detector_config(spec, extra))
@@ -430,15 +430,11 @@ def _mesh(spec: Json, folder: Path) -> MeshGeometry:
     return MeshGeometry(mesh)
 
 
-def _add_source(scene: NSQScene, spec: Json, materials: Materials) -> None:
+def _add_source(scene: NSQScene, spec: Json, materials: Materials, folder: Path) -> None:
     frame, medium, lumens = _frame(spec["cs"]), spec.get("medium"), spec.get("total_flux_lumens")
     around = None if medium is None else materials.shared(medium)
     if spec["type"] == "tabulated":
-        from nsq_gpu.sources import TabulatedSource
-
-        given = {key: value for key, value in spec.items() if key not in ("type", "name", "cs", "spectrum", "medium") and value is not None}
-        tabulated = TabulatedSource(frame, Spectrum(**spec["spectrum"]), **given, medium=around)
-        scene.source_registry.add(spec["name"], tabulated)
+        scene.source_registry.add(spec["name"], _lamp(spec, frame, around, folder))
         return
     if lumens is not None:
         from nsq_gpu.photometry import watts
@@ -452,10 +448,29 @@ def _add_source(scene: NSQScene, spec: Json, materials: Materials) -> None:
 
         numbers = {key: spec[key] for key in ("total_flux", "beam_radii", "chief", "pupil_radii") if key in spec}
         aimed = [Aim(**aim) for aim in spec.get("aimed", ())]
-        scene.source_registry.add(spec["name"], PupilSource(frame, Spectrum(**spec["spectrum"]), **numbers, aimed=aimed, medium=around))
+        pupil = PupilSource(frame, Spectrum(**spec["spectrum"]), **numbers, aimed=aimed, medium=around)
+        scene.source_registry.add(spec["name"], pupil)
     if lumens is not None:
         # For the exporter.
-        scene.source_registry.get(spec["name"]).total_flux_lumens = lumens
+        source: Any = scene.source_registry.get(spec["name"])
+        source.total_flux_lumens = lumens
+
+
+def _lamp(spec: Json, frame: CoordinateSystem, medium: NSQMaterial | None, folder: Path) -> Any:
+    from nsq_gpu.sources import TabulatedSource
+
+    others = ("type", "name", "cs", "spectrum", "medium", "file")
+    given = {key: value for key, value in spec.items() if key not in others and value is not None}
+    spectrum = Spectrum(**spec["spectrum"])
+    if spec.get("file") is None:
+        return TabulatedSource(frame, spectrum, **given, medium=medium)
+    # The scene's area is in the place of the file's.
+    area = {key: given[key] for key in ("width", "height", "radius") if key in given}
+    flux = {key: given[key] for key in ("total_flux", "total_flux_lumens") if key in given}
+    lamp = TabulatedSource.from_file(folder / spec["file"], cs=frame, spectrum=spectrum, opening=not area, medium=medium, **flux)
+    for key, value in area.items():
+        setattr(lamp, key, float(value))
+    return lamp
 
 
 def _source_config(spec: Json, materials: Materials) -> Any:

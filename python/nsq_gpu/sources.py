@@ -148,9 +148,9 @@ class TabulatedSource(CollimatedSource):
         intensity_units: ``"relative"``, with a flux; or ``"W/sr"`` or ``"cd"``, where the flux is the table's integral.
         total_flux: Flux [W], of a relative table.
         total_flux_lumens: Flux [lm], of a relative table; the spectrum says how many watts that is.
-        width: Width along x [mm].
-        height: Height along y [mm].
-        radius: Radius [mm].
+        width: Width along x [mm]; it may be 0, for a line.
+        height: Height along y [mm]; it may be 0, for a line.
+        radius: Radius [mm]; 0 is a point.
         medium: Medium around the source; None is vacuum.
 
     Raises:
@@ -174,15 +174,15 @@ class TabulatedSource(CollimatedSource):
         self.remarks: list[str] = []
         # Optiland's tracers take sources of its own classes alone; how rays are born, they ask the source itself.
         super().__init__(cs, spectrum, self._given_flux(spectrum, total_flux), medium=medium)
-        self.aperture_radius = _NotCollimated("TabulatedSource")
+        self.aperture_radius = _NotCollimated("TabulatedSource")  # type: ignore[assignment]
 
     def _given_flux(self, spectrum: Spectrum, total_flux: Any) -> Any:
         """Return the flux [W] that the arguments say."""
         if self.intensity_units == "relative":
             if (total_flux is None) == (self.total_flux_lumens is None):
                 what = "neither is given" if total_flux is None else "both are given"
-                raise UsageError(f"total_flux, total_flux_lumens: {what}, and the table's intensity is relative; give one of them, or the unit "
-                                 "of the intensity: intensity_units='cd'")
+                raise UsageError(f"total_flux, total_flux_lumens: {what}, and the table's intensity is relative; give one of "
+                                 "them, or the unit of the intensity: intensity_units='cd'")
             if self.total_flux_lumens is not None:
                 return watts(self.total_flux_lumens, spectrum)
             # A tensor stays one, for its gradient.
@@ -190,8 +190,8 @@ class TabulatedSource(CollimatedSource):
             return total_flux
         for name, value in (("total_flux", total_flux), ("total_flux_lumens", self.total_flux_lumens)):
             if value is not None:
-                raise UsageError(f"{name} is {value!r}, and a table in {self.intensity_units} says its flux itself; leave it out, or give "
-                                 "intensity_units='relative'")
+                raise UsageError(f"{name} is {value!r}, and a table in {self.intensity_units} says its flux itself; leave it "
+                                 "out, or give intensity_units='relative'")
         return self._flux_of_table(spectrum)
 
     @classmethod
@@ -317,24 +317,34 @@ def _read_lamp(path: Path, binary: str) -> dict[str, Any]:
     return found
 
 
-def _above_zero(name: str, value: Any) -> float:
+def _of_zero_or_more(name: str, value: Any, wanted: str = "of 0 or more") -> float:
     try:
         number = float(without_gradient(name, value))
     except (TypeError, ValueError):
         number = math.nan
-    if not 0.0 < number < math.inf:
+    if not 0.0 <= number < math.inf:
+        raise UsageError(f"{name} is {value!r}; give a finite number {wanted}")
+    return number
+
+
+def _above_zero(name: str, value: Any) -> float:
+    number = _of_zero_or_more(name, value, "above 0")
+    if number == 0.0:
         raise UsageError(f"{name} is {value!r}; give a finite number above 0")
     return number
 
 
 def _opening(width: Any, height: Any, radius: Any) -> tuple[float | None, float | None, float | None]:
     given = {"width": width, "height": height, "radius": radius}
-    width, height, radius = (None if value is None else _above_zero(name, value) for name, value in given.items())
+    width, height, radius = (None if value is None else _of_zero_or_more(name, value) for name, value in given.items())
     if radius is not None and (width is not None or height is not None):
-        raise UsageError("radius: it is given beside width or height, and rays start within a disk or a rectangle; leave one of them out")
+        raise UsageError("radius: it is given beside width or height, and rays start within a disk or a rectangle; leave one "
+                         "of them out")
     if (width is None) != (height is None):
         there, absent = ("width", "height") if height is None else ("height", "width")
         raise UsageError(f"{absent}: it is missing, and {there} is given; give both for a rectangle, or none for a point")
+    if width == height == 0.0:
+        raise UsageError("width, height: both are 0; leave them out for a point")
     return width, height, radius
 
 
@@ -345,7 +355,8 @@ def _born(source: Any, ray_id: np.ndarray, wavelength: np.ndarray, starts: np.nd
     n, k = _indices(source.medium, wavelength)
     return NSQRayBundle(x=x.copy(), y=y.copy(), z=z.copy(), L=L.copy(), M=M.copy(), N=N.copy(),
                         flux=be.ones(len(ray_id)) * (source.total_flux / len(ray_id)), wavelength=wavelength, n_current=n,
-                        bounce=np.zeros(len(ray_id), dtype=np.int32), alive=np.ones(len(ray_id), dtype=bool), ray_id=ray_id, k_current=k)
+                        bounce=np.zeros(len(ray_id), dtype=np.int32), alive=np.ones(len(ray_id), dtype=bool), ray_id=ray_id,
+                        k_current=k)
 
 
 def _indices(medium: Any, wavelength: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -100,7 +100,8 @@ def test_shapes_and_sources_of_the_package() -> None:
 @pytest.mark.filterwarnings("ignore")
 def test_lamps_by_table_are_those_of_numpy() -> None:
     scene = lamp_scene()
-    expected = {name: np.array(found.irradiance) for name, found in scene.trace(5000, seed=3, backend=NumpyBackend(seed=3)).detectors.items()}
+    ours = scene.trace(5000, seed=3, backend=NumpyBackend(seed=3))
+    expected = {name: np.array(found.irradiance) for name, found in ours.detectors.items()}
     be.set_backend("torch")
     be.set_precision("float64")
     with torch.no_grad():
@@ -243,8 +244,8 @@ def test_what_would_drop_a_tensor_refuses_it(torch_in_f64: None) -> None:
         ("a", lambda: ABg(tensor, 1e-3, 1.5)),
         ("b0", lambda: KCorrelation(tensor, 12.0, 2.5)),
         ("beam_radii", lambda: PupilSource(CoordinateSystem(), spectrum, beam_radii=(tensor, 1.0))),
-        ("intensity", lambda: TabulatedSource(CoordinateSystem(), spectrum, [0.0, 90.0], torch.stack([tensor, tensor]), intensity_units="cd")),
-        ("total_flux_lumens", lambda: TabulatedSource(CoordinateSystem(), spectrum, [0.0, 90.0], [1.0, 1.0], total_flux_lumens=tensor)),
+        ("intensity", lambda: TabulatedSource(CoordinateSystem(), spectrum, [0, 90], torch.stack([tensor] * 2), total_flux=1.0)),
+        ("total_flux_lumens", lambda: TabulatedSource(CoordinateSystem(), spectrum, [0, 90], [1, 1], total_flux_lumens=tensor)),
     ):
         with pytest.raises(nsq_gpu.UnsupportedSceneError, match=f"(?i){name}: it has requires_grad"):
             take()

@@ -272,7 +272,8 @@ fn the_far_field_of_a_lamp_is_its_table() {
         value(&[0.0, 100.0, 220.0, 360.0], &rows, theta, phi.rem_euclid(360.0))
     };
     let revolved = |theta: f64, _: f64| value(&[0.0, 360.0], &[whole[1]; 2], theta, 0.0);
-    let cases: [(&str, serde_json::Value, &dyn Fn(f64, f64) -> f64); 3] = [
+    type Intensity<'a> = &'a dyn Fn(f64, f64) -> f64;
+    let cases: [(&str, serde_json::Value, Intensity); 3] = [
         (
             "a lamp of four quarters",
             json!({ "azimuth_angles_deg": [0, 30, 90], "intensity": quadrant, "width": 2.0, "height": 3.0 }),
@@ -295,7 +296,8 @@ fn the_far_field_of_a_lamp_is_its_table() {
                 at(0.0, 0.0, 1e-3),
                 json!({ "num_bins_theta": 18, "num_bins_phi": 12 }),
             );
-            let hits = far_field(&bench.trace(&tier, MILLION), "up").hits;
+            let result = bench.trace(&tier, MILLION);
+            let hits = &far_field(&result, "up").hits;
             let all = bins_of_intensity(18, 12, intensity);
             let (counts, expected): (Vec<u64>, Vec<f64>) =
                 hits.iter().copied().zip(all).filter(|(count, share)| *count > 0 || *share > 1e-9).unzip();

@@ -107,5 +107,6 @@ pub fn of_detector(detector: &Detector) -> &'static str {
         },
         DetectorKind::FarField(_) => "far field",
         DetectorKind::RayDatabase(_) => "ray database",
+        DetectorKind::Apart(_) => "wavelengths apart",
     }
 }

@@ -105,6 +105,7 @@ fn detectors_have_the_codes_of_the_dispatch() {
             DetectorKind::Spectral(_) => "spectral",
             DetectorKind::FarField(_) => "far_field",
             DetectorKind::RayDatabase(_) => "ray_database",
+            DetectorKind::Apart(_) => "far_field_apart",
         };
         let call = format!("if detector.kind == {code}u {{ record_{function}(");
         assert!(program.wgsl.contains(&call), "no `{call}`");

@@ -6,6 +6,7 @@ use nsq_gpu::cpu::path::hot_path::{ProfiledPath, SampledPath};
 use nsq_gpu::cpu::request::CpuRequest;
 use nsq_gpu::derivatives::Derivatives;
 use nsq_gpu::guide::{Guide, Guided};
+use nsq_gpu::model::Apart;
 use nsq_gpu::model::ShapeKind;
 use nsq_gpu::model::StepKind;
 use nsq_gpu::model::path_filter::{Count, Events, Mark, Part, PathFilter, Pattern, Relation, Term};
@@ -187,16 +188,19 @@ fn detector_position(kind: &DetectorKind) -> usize {
         DetectorKind::Spectral(_) => 1,
         DetectorKind::FarField(_) => 2,
         DetectorKind::RayDatabase(_) => 3,
+        DetectorKind::Apart(_) => 4,
     }
 }
 
 /// One detector of every kind.
 pub fn detectors() -> Vec<DetectorKind> {
+    let far_field = DetectorKind::FarField(FarField { num_theta: 9, num_phi: 18 });
     let kinds = vec![
         DetectorKind::Irradiance(grid(Splat::Hard)),
         DetectorKind::Spectral(Spectral { grid: grid(Splat::Hard), wavelength_edges: vec![0.4, 0.5, 0.6] }),
         DetectorKind::FarField(FarField { num_theta: 9, num_phi: 18 }),
         DetectorKind::RayDatabase(RayDatabase { width: 20.0, height: 30.0, max_rays: None }),
+        DetectorKind::Apart(Apart { of: Box::new(far_field), wavelengths: vec![0.45, 0.55] }),
     ];
     assert!(kinds.iter().map(detector_position).eq(0..kinds.len()));
     kinds

@@ -59,7 +59,7 @@ fn coarse(name: &str, num: u32, splat: Option<Splat>) -> SceneIr {
                 grid.splat = splat.unwrap_or(grid.splat);
             }
             DetectorKind::FarField(FarField { num_theta, num_phi }) => (*num_theta, *num_phi) = (num, num),
-            DetectorKind::RayDatabase(_) => {}
+            DetectorKind::RayDatabase(_) | DetectorKind::Apart(_) => {}
         }
     }
     ir

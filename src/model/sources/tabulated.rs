@@ -17,6 +17,7 @@ use crate::model::{Outline, checks};
 use crate::shaders::shader;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use std::f64::consts::PI;
 use std::sync::Arc;
 
 /// Its function.
@@ -336,6 +337,27 @@ fn flux_within(sine: f64, cosine: f64, m: f64, b: f64, s: f64) -> f64 {
     m * (sine * of_cosine + cosine * of_sine) + b * (sine * with_cosine + cosine * with_sine)
 }
 
+/// Distances from a pole between rising ones that lie far apart: sin(theta) then grows little within an interval, and Newton's
+/// method converges in a few steps.
+fn nearer_to_pole(rising: impl Iterator<Item = f64>) -> Vec<f64> {
+    /// How much farther the end of an interval may be from the pole than its beginning.
+    const MOST_FARTHER: f64 = 3.0;
+    /// Most halvings of an interval that begins in the pole.
+    const HALVINGS: usize = 8;
+    let (mut more, mut near) = (Vec::new(), None);
+    for distance in rising {
+        let mut far = distance;
+        for _ in 0..HALVINGS {
+            if near.is_some_and(|near| far > MOST_FARTHER * near) {
+                far /= 2.0;
+                more.push(far);
+            }
+        }
+        near = Some(distance);
+    }
+    more
+}
+
 impl IntensityTable {
     /// Flux over all directions, in the units of the table times sr.
     pub fn flux(&self) -> f64 {
@@ -343,25 +365,31 @@ impl IntensityTable {
         knots.windows(2).map(|pair| pair[0].flux_to(&pair[1])).sum()
     }
 
-    /// Its polar angles, and as many between them as the shaders' series ask for. Intensity is linear there, so that nothing
-    /// is approximated.
+    /// Its polar angles, and as many between them as the shaders' series and Newton's method ask for. Intensity is linear
+    /// there, so that nothing is approximated.
     fn knots(&self) -> Vec<Knot> {
-        let row = |k: usize, part: f64| -> Vec<f64> {
-            let next = (k + 1).min(self.polar.len() - 1);
-            self.rows.iter().map(|row| row[k] * (1.0 - part) + row[next] * part).collect()
-        };
-        let mut knots = Vec::new();
-        for (k, angles) in self.polar.windows(2).enumerate() {
-            let length = angles[1] - angles[0];
+        let mut angles: Vec<f64> = Vec::new();
+        for ends in self.polar.windows(2) {
+            let length = ends[1] - ends[0];
             let parts = (length / LONGEST_INTERVAL).ceil().max(1.0) as usize;
-            knots.extend((0..parts).map(|i| {
-                let part = i as f64 / parts as f64;
-                Knot::new(&self.azimuth, angles[0] + length * part, row(k, part))
-            }));
+            angles.extend((0..parts).map(|i| ends[0] + length * (i as f64 / parts as f64)));
         }
-        let last = self.polar.len() - 1;
-        knots.push(Knot::new(&self.azimuth, self.polar[last], row(last, 0.0)));
-        knots
+        angles.extend(self.polar.last());
+        let upper = nearer_to_pole(angles.iter().copied());
+        let lower =
+            nearer_to_pole(angles.iter().rev().map(|angle| PI - angle)).into_iter().map(|angle| PI - angle);
+        angles.extend(upper.into_iter().chain(lower.collect::<Vec<_>>()));
+        angles.sort_by(f64::total_cmp);
+        angles.dedup();
+        angles.into_iter().map(|angle| Knot::new(&self.azimuth, angle, self.row_at(angle))).collect()
+    }
+
+    /// Intensities by azimuth at a polar angle.
+    fn row_at(&self, angle: f64) -> Vec<f64> {
+        let next = self.polar.partition_point(|known| *known <= angle).clamp(1, self.polar.len() - 1);
+        let (low, high) = (self.polar[next - 1], self.polar[next]);
+        let part = (angle - low) / (high - low);
+        self.rows.iter().map(|row| row[next - 1] * (1.0 - part) + row[next] * part).collect()
     }
 
     /// The table of shaders/sources/tabulated.wgsl, for a flux of 1: numbers of knots and of azimuths; shares of the flux
@@ -432,7 +460,7 @@ impl Emission for Tabulated {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::f64::consts::{PI, TAU};
+    use std::f64::consts::TAU;
 
     fn table(polar: &[f64], rows: Vec<Vec<f64>>) -> IntensityTable {
         let azimuth = (0..rows.len()).map(|i| TAU * i as f64 / (rows.len() - 1) as f64).collect();
