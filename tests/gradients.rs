@@ -244,6 +244,7 @@ fn bench_of_elements() -> String {
 }
 
 #[test]
+#[ignore = "long"]
 fn derivatives_of_elements_are_those_of_differences() {
     let options = TraceOptions { num_rays: 400_000, ..zoo::options(0, 5, Precision::F64) };
     let steps = [
@@ -294,6 +295,7 @@ fn a_name_that_moves_several_numbers_has_one_derivative() {
 
 /// A face of each shape whose crossings are searched, in light that stays clear of its rim.
 #[test]
+#[ignore = "long"]
 fn derivatives_of_shapes_are_those_of_differences() {
     let options = TraceOptions { num_rays: 400_000, ..zoo::options(0, 5, Precision::F64) };
     for (shape, numbers) in [
@@ -909,6 +911,7 @@ fn the_way_back_has_the_precision_of_the_tier() {
 
 /// Whatever the batches, the workgroups and the other parameters, a gradient has the same bits.
 #[test]
+#[ignore = "long"]
 fn the_way_back_has_the_same_bits_however_it_is_gone() {
     let options = zoo::options(5000, 2, Precision::F64);
     let of = |gpu, names: &[&str], options: &TraceOptions| {

@@ -23,11 +23,10 @@ fn tabulated_direction(key: RayKey, first: u32) -> vec3<real> {
     let azimuths = knots + 4u * num_knots;
 
     let u = uniform_of(draw_first(key, SOURCE_U3));
-    let k = interval_of(shares, num_knots, u);
-    let below = tables[shares + k];
+    let k = interval_of(u, shares, num_knots);
     let knot = knots + 4u * k;
     let length = tables[knot];
-    let s = polar_step(knot, (u - below) / (tables[shares + k + 1u] - below));
+    let s = polar_step(knot, position_in(u, shares + k));
 
     let row = azimuths + num_azimuths + 2u * num_azimuths * k;
     let azimuth = azimuth_of(azimuths, num_azimuths, row, s / length, uniform_of(draw_first(key, SOURCE_U4)));
@@ -36,21 +35,6 @@ fn tabulated_direction(key: RayKey, first: u32) -> vec3<real> {
     let across = tables[knot + 1u] * cosine + tables[knot + 2u] * sine;
     let along = tables[knot + 2u] * cosine - tables[knot + 1u] * sine;
     return vec3<real>(across * cos_real(azimuth), across * sin_real(azimuth), along);
-}
-
-// Of rising numbers, the place of the last one that is not above the value; the very last one is left out.
-fn interval_of(first: u32, count: u32, value: real) -> u32 {
-    var low = 0u;
-    var high = count - 1u;
-    while high - low > 1u {
-        let middle = (low + high) / 2u;
-        if tables[first + middle] <= value {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    return low;
 }
 
 // Sine and cosine of a step between knots, which is at most 0.02: exact to 1e-13.
@@ -112,14 +96,22 @@ fn light_below(knot: u32, total: real, slope: real, s: real) -> real {
 fn azimuth_of(azimuths: u32, count: u32, row: u32, part: real, u: real) -> real {
     let next = row + 2u * count;
     let light = u * between_knots(row + 2u * count - 1u, next + 2u * count - 1u, part);
+    // As interval_of, whose numbers lie in one table.
     var low = 0u;
     var high = count - 1u;
-    while high - low > 1u {
+    var step = 0u;
+    loop {
         let middle = (low + high) / 2u;
-        if between_knots(row + count + middle, next + count + middle, part) <= light {
-            low = middle;
-        } else {
-            high = middle;
+        if always_true() & (high - low > 1u) {
+            if between_knots(row + count + middle, next + count + middle, part) <= light {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        step += 1u;
+        if step >= 32u || high - low <= 1u {
+            break;
         }
     }
     let width = tables[azimuths + low + 1u] - tables[azimuths + low];

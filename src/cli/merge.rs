@@ -6,7 +6,7 @@ use crate::cli::trace::Printed;
 use crate::error::{Error, Result};
 use crate::format::path_text;
 use crate::model::{Precision, SceneIr};
-use crate::result::photometry;
+use crate::result::wavelengths_apart;
 use crate::result::{GuideInfo, PathTally, RaySet, RunInfo, Tally, TraceResult, output};
 use crate::run::checkpoint::{Checkpoint, Identity, scene_of_hash};
 use crate::run::proof::Proof;
@@ -58,7 +58,7 @@ pub fn run(args: &Args) -> Result<String> {
         )));
     };
     let is_photometric = args.photometric || scene.says_lumens();
-    if args.photometric && ir.wavelengths.len() > 1 && !photometry::is_apart(&ir) {
+    if args.photometric && ir.wavelengths.len() > 1 && !wavelengths_apart::is_apart(&ir) {
         return Err(Error::Usage("--photometric: the results were traced without it".into()));
     }
     check(&args.results, &parts, &ir)?;
@@ -102,7 +102,7 @@ pub fn run(args: &Args) -> Result<String> {
         ));
     }
     say(&on_the_bits(&ir, &parts, &merged.tally.rays));
-    let photometric = is_photometric || photometry::is_apart(&ir);
+    let photometric = is_photometric || wavelengths_apart::is_apart(&ir);
     let info = RunInfo { photometric, ..run_info(&path, &scene, &merged) };
     let result = TraceResult::new(&ir, &info, &merged.tally)?;
     let printed = Printed { json: args.json, pictures };

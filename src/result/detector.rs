@@ -3,7 +3,7 @@
 use crate::error::Result;
 use crate::model::{self, SceneIr};
 use crate::result::detectors::Sums;
-use crate::result::photometry::Luminous;
+use crate::result::luminous::Luminous;
 use crate::result::uncertainty::relative_error_of_map;
 use crate::result::{DetectorData, DetectorTally, FewRays, FluxSum, FluxUnit, Tally, Uncertainty};
 

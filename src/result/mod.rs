@@ -22,6 +22,7 @@ pub mod gradients;
 pub mod integrity;
 pub mod ledger;
 pub mod light_paths;
+pub mod luminous;
 pub mod npz;
 pub mod npz_files;
 pub mod output;
@@ -45,6 +46,7 @@ mod terminal;
 pub mod total_reflection;
 mod trace_result;
 pub mod uncertainty;
+pub mod wavelengths_apart;
 mod wrong_side_warnings;
 
 pub use crate::result::coating_rank::CoatingRank;

@@ -3,12 +3,12 @@
 use crate::error::Result;
 use crate::model::{Interaction, SceneIr};
 use crate::result::detectors::Sums;
-use crate::result::photometry;
 use crate::result::uncertainty::worst_relative_error;
 use crate::result::{
     Detector, Diagnostics, FluxUnit, Grouping, Ledger, PathTable, RayPaths, Recoating, Recorded, RunInfo,
     SurfaceKind, SurfaceResult, Tally, TraceResult, Uncertainty, check_shape, light_paths,
 };
+use crate::result::{photometry, wavelengths_apart};
 
 impl TraceResult {
     /// Reads the sums of a trace of `ir` out into physical units, with the rows that the tally holds.
@@ -31,7 +31,7 @@ impl TraceResult {
             true => photometry::of_detectors(ir, tally, unit)?,
             false => vec![None; ir.detectors.len()],
         };
-        let (ir, tally) = photometry::added_up(ir, tally);
+        let (ir, tally) = wavelengths_apart::added_up(ir, tally);
         let (ir, tally) = (&*ir, &*tally);
         let uncertainty = Uncertainty::new(ir, tally, unit);
         let total_flux_in = if run.partial { unit.watts(tally.launched.quanta) } else { ir.emitted_flux() };

@@ -11,8 +11,8 @@ use crate::error::{Error, Result};
 use crate::model::DetectorFunction;
 use crate::result::integrity::{self, Meta};
 use crate::result::light_paths::OtherLight;
+use crate::result::luminous::Luminous;
 use crate::result::output::REPORT;
-use crate::result::photometry::Luminous;
 use crate::result::stored::{DetectorEntry, Stored};
 use crate::result::{
     CoatingRank, Detector, DetectorData, LightPath, PathTable, Recoated, RunInfo, TraceResult, report,

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::result::photometry::LuminousSource;
+use crate::result::luminous::LuminousSource;
 use crate::result::{Detector, Diagnostics, Gradient, Ledger, PathTable, RayPaths, RunInfo};
 
 /// The results of one trace. Fluxes and counts have the names and meanings of Optiland's `SimulationResult`.

@@ -18,7 +18,7 @@
 use crate::model::SceneIr;
 use crate::model::ray_id::NUM_REPLICATES;
 use crate::result::few_rays::{Brought, FewRays};
-use crate::result::photometry::added_up;
+use crate::result::wavelengths_apart::added_up;
 use crate::result::{DetectorTally, FluxUnit, Moments, QUANTA_PER_WEIGHT, Tally};
 
 /// Standard error of a sum over `num_rays` rays, in units of weight; NaN for a single ray, which says nothing.

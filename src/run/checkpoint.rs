@@ -14,7 +14,7 @@ use crate::guide::Guide;
 use crate::model::{ReflectProb, Sampling, SceneIr};
 use crate::placing;
 use crate::result::output::{REPORT, SUMS_MAGIC, TALLY, holds_sums};
-use crate::result::photometry;
+use crate::result::wavelengths_apart;
 use crate::result::{DetectorTally, Tally, integrity};
 use crate::run::proof::Proof;
 use crate::run::{Collect, RecordPaths, TraceOptions};
@@ -406,7 +406,7 @@ pub fn scene_of_hash(ir: SceneIr, hash: u128) -> Option<SceneIr> {
     if scene_hash(&ir) == hash {
         return Some(ir);
     }
-    photometry::keep_apart(&ir).ok().filter(|apart| scene_hash(apart) == hash)
+    wavelengths_apart::keep_apart(&ir).ok().filter(|apart| scene_hash(apart) == hash)
 }
 
 /// The hash of a scene without its sampling policy. Rust writes every float so that it reads back to the same bits.

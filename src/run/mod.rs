@@ -43,7 +43,7 @@ use crate::gpu::{AdapterChoice, Gpu};
 use crate::guide::Guide;
 use crate::guide::learn::Wanted;
 use crate::model::SceneIr;
-use crate::result::photometry;
+use crate::result::{photometry, wavelengths_apart};
 use crate::run::checkpoint::Checkpoint;
 use crate::run::precision::WantedPrecision;
 use crate::scene::Scene;
@@ -216,7 +216,7 @@ impl<'a> Run<'a> {
                 "photometry: nobody sees light of the scene's wavelengths; give sources light of 0.38 to 0.78 um".into(),
             ));
         }
-        self.model = Cow::Owned(photometry::keep_apart(&self.model)?);
+        self.model = Cow::Owned(wavelengths_apart::keep_apart(&self.model)?);
         self.photometric = true;
         Ok(self)
     }

@@ -29,7 +29,7 @@ use crate::gpu::AdapterChoice;
 use crate::model::SceneIr;
 use crate::result::TraceResult;
 use crate::result::output::TALLY;
-use crate::result::photometry;
+use crate::result::wavelengths_apart;
 use crate::run::checkpoint::{self, Checkpoint, Identity};
 use crate::scene::Scene;
 use serde::Serialize;
@@ -335,7 +335,7 @@ impl Verify {
             found => found.map_err(|error| error.in_scene(&path_text(&path)))?,
         };
         let ir = scene.lower()?;
-        let ir = if stored.run.photometric { photometry::keep_apart(&ir)? } else { ir };
+        let ir = if stored.run.photometric { wavelengths_apart::keep_apart(&ir)? } else { ir };
         Ok(Some((path, scene, ir)))
     }
 }
