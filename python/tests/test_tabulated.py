@@ -442,7 +442,7 @@ def test_a_table_cannot_be_changed_unnoticed() -> None:
 @pytest.mark.parametrize("options", [
     {"total_flux": 2.5}, {"total_flux_lumens": 800.0}, {"intensity_units": "cd"}, {"intensity_units": "W/sr"},
     {"total_flux": 1.0, "width": 3.0, "height": 2.0}, {"intensity_units": "cd", "radius": 1.5, "medium": glass(1.3, 1e-5)},
-], ids=str)
+], ids=["W", "lm", "cd", "per sr", "rectangle", "disk"])
 @pytest.mark.parametrize("name", LAMPS)
 def test_a_file_holds_the_lamp(name: str, options: dict[str, Any]) -> None:
     source = lamp(name, cs(x=1.0, ry=0.2), two_lines(), **options)

@@ -632,8 +632,8 @@ fn plate_by_guide(bench: &Bench, filter: Option<&str>) -> Outcome {
         let [flux, error] =
             row.map_or([0.0; 2], |(_, sum)| zoo::sum_and_error(sum, NUM_RAYS).map(|x| x / NUM_RAYS as f64));
         let exact = t1 * t2 * f64::powi(r1 * r2, order);
-        // Where each ray follows the ghost, all weigh the same but for roulette.
-        if (flux - exact).abs() > 5.0 * error.max(1e-6 * exact) || error > 0.05 * exact {
+        // Where each ray follows the ghost, all weigh the same but for roulette. Squares of the faintest light have few quanta.
+        if (flux - exact).abs() > 5.0 * error.max(1e-6 * exact) || order < 2 && error > 0.05 * exact {
             return Err(format!("order {order} has {flux} +- {error}, not {exact}"));
         }
     }
@@ -672,11 +672,10 @@ fn lamp(bench: &Bench) -> Outcome {
         return Err("no far field".into());
     };
     let num = pattern.hits.sum();
-    // Integrals of the slope over each quarter: 2, 4, 3 and 1 of 10. Columns begin at -180 degrees.
-    for (quarter, share) in [(0, 0.3), (1, 0.1), (2, 0.2), (3, 0.4)] {
-        let hits: u64 =
-            (0..18).flat_map(|i| [2 * quarter, 2 * quarter + 1].map(|j| pattern.hits[[i, j]])).sum();
-        near("a quarter", hits as f64 / num as f64, share, num, 1.0)?;
+    // Means of the slope over each half of a quarter, of 20 together. Columns begin at -180 degrees.
+    for (column, mean) in [3.5, 2.5, 1.5, 0.5, 1.0, 3.0, 4.0, 4.0].into_iter().enumerate() {
+        let hits: u64 = (0..18).map(|i| pattern.hits[[i, column]]).sum();
+        near("half a quarter", hits as f64 / num as f64, mean / 20.0, num, 1.0)?;
     }
     // (1 - theta / a) sin(theta), a = pi / 2, has the integral 1 - cos(t) + (t cos(t) - sin(t)) / a up to t, of 1 - 1 / a.
     let below = |t: f64| (1.0 - t.cos() + (t * t.cos() - t.sin()) / half) / (1.0 - 1.0 / half);

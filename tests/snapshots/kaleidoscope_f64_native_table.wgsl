@@ -74,6 +74,7 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 // <- shaders/shapes/plane.wgsl
 // <- shaders/sums/ledger.wgsl
 // <- shaders/stages/intersect.wgsl
+// <- shaders/detectors/bins.wgsl
 // <- shaders/detectors/irradiance.wgsl
 // <- shaders/detectors/spectral.wgsl
 // <- shaders/stages/ids.range.wgsl
