@@ -35,6 +35,8 @@ PEER_PYTHON = $(firstword $(wildcard .venv-torch/bin/python) .venv/bin/python)
 TEST_THREADS = $$(($$(nproc 2>/dev/null || echo 1) + 2))
 # NumPy computes in one thread. Neighbours stay together: they share what the reference traced.
 PYTEST_WORKERS = -n auto --maxprocesses 8 --dist worksteal
+# What runs them. Where time is limited, tests/by_time.py begins no program after a time.
+RUST_TESTS = cargo test
 SECOND_DRIVER = VK_ADD_DRIVER_FILES=$(abspath .drivers)/usr/lib/chromium/vk_swiftshader_icd.json
 # Optiland's own tests of scenes, in one process and in their order: one leaves on that every constant wants a gradient.
 OPTILANDS_TESTS = tests/nonsequential
@@ -107,7 +109,7 @@ test-rust: adapter rust-components display
 	@$(PART) clippy 150 cargo clippy --workspace --all-targets -- -D warnings
 	@$(PART) test-plain 150 $(MAKE) --no-print-directory test-plain
 	@$(PART) "Rust tests, built" 300 cargo test --no-run
-	@$(PART) "Rust tests" 500 env RUST_TEST_THREADS="$${RUST_TEST_THREADS:-$(TEST_THREADS)}" cargo test
+	@$(PART) "Rust tests" 1200 env RUST_TEST_THREADS="$${RUST_TEST_THREADS:-$(TEST_THREADS)}" $(RUST_TESTS)
 
 # Without the CPU backend: the plain loop alone. With the viewer, so that dependencies are those of all other tests. Our own
 # code is not optimised there: compiling it takes longer than running it.

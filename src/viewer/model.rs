@@ -614,9 +614,10 @@ impl Model {
         let precision = precision.map_or("auto", crate::program::Precision::name);
         let filter =
             filter.as_ref().map_or(String::new(), |filter| format!(" --where {}", quoted(&filter.text)));
+        let guide = if crate::viewer::tracing::is_guided(scene, &self.run) { " --guide" } else { "" };
         let path = quoted(&scene.path.display().to_string());
         format!(
-            "nsq-gpu trace {path} -n {num_rays} --seed {seed} --max-depth {max_depth} --precision {precision}{target}{limit}{filter} \
+            "nsq-gpu trace {path} -n {num_rays} --seed {seed} --max-depth {max_depth} --precision {precision}{target}{limit}{filter}{guide} \
              --standard-error on -o results"
         )
     }

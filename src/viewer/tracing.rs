@@ -245,6 +245,11 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 const BATCH: u32 = 1 << 16;
 const PASS_TIME: Duration = Duration::from_millis(15);
 
+/// True if rays are guided: where the user asks for some light alone, such as a ghost, every ray follows it as far as it can.
+pub(super) fn is_guided(scene: &LoadedScene, options: &RunOptions) -> bool {
+    options.filter.is_some() && guide::check(&scene.ir, &TraceOptions::default()).is_ok()
+}
+
 /// A run of the scene with the options of the window.
 pub(super) fn run<'a>(scene: &'a LoadedScene, options: &RunOptions, gpu: &'a Gpu) -> Result<Run<'a>> {
     let traced = TraceOptions {
@@ -264,8 +269,7 @@ pub(super) fn run<'a>(scene: &'a LoadedScene, options: &RunOptions, gpu: &'a Gpu
         .precision(options.precision.map_or(WantedPrecision::Auto, WantedPrecision::Exactly))
         .pass_time(PASS_TIME);
     run.predicts_first = true;
-    if options.filter.is_some() && guide::check(&scene.ir, &TraceOptions::default()).is_ok() {
-        // The user asks for some light alone, such as a ghost: every ray follows it as far as it can.
+    if is_guided(scene, options) {
         run = run.guide_by(Arc::new(Guide::plain(&scene.ir)));
     }
     if let Some(limit) = options.time_limit {

@@ -1,0 +1,50 @@
+"""Runs the Rust tests, a program at a time, and begins no further program after a time.
+
+    python3 tests/by_time.py                              all of them
+    python3 tests/by_time.py --first 7 --until 1764377000 from the seventh on, and round, until that time [s since 1970]
+
+For machines that end a run which takes too long. Programs that were not begun are named at the end. `--first` turns with
+each run, so that every program has its turn.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import subprocess
+import sys
+import time
+
+
+def programs() -> list[list[str]]:
+    """Return the arguments of `cargo test` for each test program, libraries and documentation first."""
+    built = subprocess.run(["cargo", "test", "--no-run"], stderr=subprocess.PIPE, text=True)
+    if built.returncode:
+        sys.exit(built.stderr)
+    found = re.findall(r"^ *Executable tests/\S+ \(.*/([a-z0-9_]+)-[0-9a-f]+(?:\.exe)?\)", built.stderr, re.MULTILINE)
+    return [["--lib", "--bins"], ["--doc"], *(["--test", name] for name in dict.fromkeys(found))]
+
+
+def main() -> int:
+    """Run them; return 1 if one failed."""
+    parser = argparse.ArgumentParser(description="Runs the Rust tests until a time.")
+    parser.add_argument("--first", type=int, default=0, help="the program to begin with, counted round")
+    parser.add_argument("--until", type=float, default=float("inf"), help="begin no program after this time [s since 1970]")
+    options = parser.parse_args()
+    all_of_them = programs()
+    first = options.first % len(all_of_them)
+    failed, left_out = [], []
+    for program in all_of_them[first:] + all_of_them[:first]:
+        if time.time() > options.until:
+            left_out.append(program[-1])
+        elif subprocess.run(["cargo", "test", "--no-fail-fast", *program]).returncode:
+            failed.append(program[-1])
+    ran = len(all_of_them) - len(left_out)
+    print(f"{ran} of {len(all_of_them)} test programs ran, {len(failed)} failed: {', '.join(failed) or 'none'}")
+    if left_out:
+        print(f"not begun for lack of time: {', '.join(left_out)}")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
