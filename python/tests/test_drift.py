@@ -18,23 +18,25 @@ from typing import Any
 import optiland.nonsequential
 import pytest
 from optiland.coatings import BaseCoating, BaseCoatingPolarized
+from optiland.coordinate_system import CoordinateSystem
 from optiland.nonsequential.bsdf import BaseBSDF
 from optiland.nonsequential.components.base import BaseComponent
 from optiland.nonsequential.components.compound import CompoundComponent
 from optiland.nonsequential.components.geometry.base import ComponentGeometry
 from optiland.nonsequential.detectors.base import BaseDetector
-from optiland.nonsequential.sources.base import BaseNSQSource
+from optiland.nonsequential.sources.base import BaseNSQSource, Spectrum
 
 from nsq_gpu.export import surfaces
 from nsq_gpu.export.components import _KINDS as COMPOUNDS
 from nsq_gpu.export.detectors import _KINDS as DETECTORS
 from nsq_gpu.export.sources import _KINDS as SOURCES
+from nsq_gpu.sources import TabulatedSource
 from tests import live, random_scenes
 from tests.oracle import Json
-from tests.test_export import WALKS, With, document
+from tests.test_export import WALKS, With, document, with_pupil
 
 #: Where a file says which variant it means.
-KEYS = ("type", "interaction", "splat", "profile", "reflect_prob", "outline", "zernike_type")
+KEYS = ("type", "interaction", "splat", "profile", "reflect_prob", "outline", "zernike_type", "intensity_units")
 #: Variants that people may write and the exporter does not: n and k of a live material are evaluated, and a live surface has
 #: a number.
 BY_HAND = {("Medium", "catalog"), ("Material", "catalog"), ("ScatterFraction", "tis")}
@@ -68,6 +70,11 @@ def exported() -> Iterator[Json]:
             with live.quiet():
                 scene = build(**{**base, **change.base, name: change.value})
             yield document(scene)
+    for units, flux in (("relative", {"total_flux": 1.0}), ("W/sr", {}), ("cd", {})):
+        scene = with_pupil(cs=CoordinateSystem(), spectrum=Spectrum.monochromatic(0.55))
+        scene.source_registry.add("table", TabulatedSource(CoordinateSystem(), Spectrum.monochromatic(0.55), [0.0, 90.0], [1.0, 0.0],
+                                                          intensity_units=units, **flux))
+        yield document(scene)
     features = itertools.islice(random_scenes.combinations(1), len(random_scenes.FEATURES))
     for number, chosen in enumerate(features):
         with live.quiet():
