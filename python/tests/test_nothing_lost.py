@@ -57,7 +57,8 @@ def stopped(act: Callable[[], Any], seconds: float = 3.0) -> Any:
         start = time.monotonic()
         with pytest.raises(nsq_gpu.Interrupted) as caught:
             act()
-    assert time.monotonic() - start < seconds + 5.0
+    # Uninterrupted, such a call takes minutes at least. A busy machine takes seconds to hand over what is done.
+    assert time.monotonic() - start < seconds + 20.0
     assert caught.value.partial.partial is True
     return caught.value.partial
 
@@ -69,7 +70,7 @@ def stopped(act: Callable[[], Any], seconds: float = 3.0) -> Any:
 def test_a_stopped_sweep_has_the_points_that_are_done(tmp_path: Path) -> None:
     with session() as one:
         one.trace(singlet(), NUM_RAYS)
-        found = stopped(lambda: one.sweep(singlet(), {"L.r1": np.linspace(50.0, 60.0, 100_000)}, NUM_RAYS))
+        found = stopped(lambda: one.sweep(singlet(), {"L.r1": np.linspace(50.0, 60.0, 100_000)}, NUM_RAYS), seconds=6.0)
         known = found.num_rays > 0
         num = int(known.sum())
         assert 0 < num < 100_000 and known[:num].all()
