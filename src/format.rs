@@ -24,6 +24,11 @@ pub(crate) fn plain(text: &str) -> String {
     escaped(text, &[])
 }
 
+/// Bytes as hexadecimal digits, such as those of a hash.
+pub(crate) fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
 /// A path on one line, whose active characters are escaped.
 pub(crate) fn path_text(path: &Path) -> String {
     plain(&path.display().to_string())

@@ -13,7 +13,8 @@ import argparse
 import re
 import subprocess
 import sys
-import time
+
+from in_turn import in_turn
 
 
 def programs() -> list[list[str]]:
@@ -32,15 +33,13 @@ def main() -> int:
     parser.add_argument("--until", type=float, default=float("inf"), help="begin no program after this time [s since 1970]")
     options = parser.parse_args()
     all_of_them = programs()
-    first = options.first % len(all_of_them)
-    failed, left_out = [], []
-    for program in all_of_them[first:] + all_of_them[:first]:
-        if time.time() > options.until:
-            left_out.append(program[-1])
-        elif subprocess.run(["cargo", "test", "--no-fail-fast", *program]).returncode:
+    ran, failed = [], []
+    for program in in_turn(all_of_them, options.first, options.until):
+        ran.append(program)
+        if subprocess.run(["cargo", "test", "--no-fail-fast", *program]).returncode:
             failed.append(program[-1])
-    ran = len(all_of_them) - len(left_out)
-    print(f"{ran} of {len(all_of_them)} test programs ran, {len(failed)} failed: {', '.join(failed) or 'none'}")
+    print(f"{len(ran)} of {len(all_of_them)} test programs ran, {len(failed)} failed: {', '.join(failed) or 'none'}")
+    left_out = [program[-1] for program in all_of_them if program not in ran]
     if left_out:
         print(f"not begun for lack of time: {', '.join(left_out)}")
     return 1 if failed else 0

@@ -15,6 +15,8 @@ import sys
 import time
 from pathlib import Path
 
+from in_turn import in_turn
+
 LIST = Path(__file__).with_name("long.txt")
 # In the place of a test: all that its program ignores.
 ALL = "*"
@@ -30,12 +32,9 @@ def main():
     tests = [(program, test) for program, test in tests if options.part in test]
     if not tests:
         parser.error(f"no long test has {options.part!r} in its name")
-    first = options.first % len(tests)
     start, ran, failed = time.monotonic(), [], []
-    for program, test in tests[first:] + tests[:first]:
+    for program, test in in_turn(tests, options.first, time.time() + options.seconds):
         begun = time.monotonic()
-        if begun - start > options.seconds:
-            break
         command = ["cargo", "test", "--quiet", "--test", program, "--", "--ignored"]
         command += [] if test == ALL else ["--exact", test]
         # A test without an end of its own takes what time is left, an hour at most.

@@ -51,6 +51,22 @@ def check_not_ending() -> None:
         raise NsqGpuError(ENDING)
 
 
+def answer(command: Sequence[str]) -> Any:
+    """Return the JSON that a short command prints, whatever its exit code says beside it.
+
+    Raises:
+        NsqGpuError: It printed none; the class says why.
+    """
+    done = subprocess.run(command, capture_output=True, stdin=subprocess.DEVNULL, check=False)
+    try:
+        return json.loads(done.stdout)
+    except ValueError as error:
+        if done.returncode != 0:
+            raise error_of(done.returncode, done.stderr.decode(errors="replace")) from None
+        name = " ".join(command[:2])
+        raise NsqGpuError(f"{name}: its answer is no JSON: {error}; install a program of this package's version") from None
+
+
 def run(command: Sequence[str], timeout: float | None = None, progress: Shown | Counter | None = None,
         accepted: Sequence[int] = (0,), folder: str | None = None, keeps: bool = False) -> tuple[int, str]:
     """Run a command, in ``folder`` if one is given; what it writes to stderr goes to the exception if it fails.

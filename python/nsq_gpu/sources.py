@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
-import subprocess
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,10 +19,11 @@ from optiland.nonsequential.sources.base import Spectrum
 from optiland.nonsequential.sources.collimated import CollimatedSource
 
 from nsq_gpu.binary import find_binary
-from nsq_gpu.errors import NsqGpuError, UnsupportedSceneError, UsageError, error_of, wants_gradient, without_gradient
+from nsq_gpu.errors import UnsupportedSceneError, UsageError, wants_gradient, without_gradient
 from nsq_gpu.frames import number_of, placed
 from nsq_gpu.intensity import IntensityTable
 from nsq_gpu.photometry import luminous_efficacy, watts
+from nsq_gpu.process import answer
 
 #: Units of a table of intensity.
 INTENSITY_UNITS = ("relative", "W/sr", "cd")
@@ -219,7 +218,7 @@ class TabulatedSource(CollimatedSource):
         """
         if not isinstance(path, str | os.PathLike) or Path(path).suffix.lower() not in (".ies", ".ldt"):
             raise UsageError(f"path is {path!r}; give the path of a lamp's file, whose name ends with .ies or .ldt")
-        found = _read_lamp(Path(path), find_binary(binary))
+        found = answer([find_binary(binary), "lamp", "--json", "--", str(path)])
         scaled = total_flux is not None or total_flux_lumens is not None
         shape = {key: value for key, value in found["opening"].items() if key != "type"} if opening else {}
         source = cls(cs, spectrum, found["polar_angles_deg"], found["intensity"], found["azimuth_angles_deg"],
@@ -303,18 +302,6 @@ def _is_flux(source: Any, expected: Callable[[], float]) -> bool:
     except UsageError:
         # Its spectrum was changed, to one without visible light.
         return False
-
-
-def _read_lamp(path: Path, binary: str) -> dict[str, Any]:
-    """Return what the program finds in a lamp's file."""
-    done = subprocess.run([binary, "lamp", "--json", "--", str(path)], capture_output=True, stdin=subprocess.DEVNULL, check=False)
-    if done.returncode != 0:
-        raise error_of(done.returncode, done.stderr.decode(errors="replace"))
-    try:
-        found: dict[str, Any] = json.loads(done.stdout)
-    except ValueError as error:
-        raise NsqGpuError(f"{binary} lamp: its answer is no JSON: {error}; install a program of this package's version") from None
-    return found
 
 
 def _of_zero_or_more(name: str, value: Any, wanted: str = "of 0 or more") -> float:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import os
-import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from nsq_gpu.binary import find_binary
-from nsq_gpu.errors import UsageError, error_of
+from nsq_gpu.errors import UsageError
 from nsq_gpu.integrity import REPORT
+from nsq_gpu.process import answer
 
 Json = dict[str, Any]
 
@@ -73,10 +72,6 @@ def verify(folder: str | os.PathLike[str], *, scene: str | os.PathLike[str] | No
     arguments = [f"--{name}={os.fspath(value) if name == 'scene' else value}" for name, value in options.items()
                  if value is not None]
     command = [find_binary(binary), "verify", "--json", *arguments, "--", str(folder)]
-    done = subprocess.run(command, capture_output=True, stdin=subprocess.DEVNULL, check=False)
-    try:
-        report: Json = json.loads(done.stdout)
-    except ValueError:
-        raise error_of(done.returncode, done.stderr.decode(errors="replace")) from None
+    report: Json = answer(command)
     findings = [Finding(**found) for found in report["findings"]]
     return Verification(report["verdict"], findings, report["notes"], report)

@@ -82,19 +82,24 @@ def test_ray_for_ray(scene: Path, command: list[str], report) -> None:
     report("torch", scene, parity.check_ray_for_ray(command, scene, theirs, options))
 
 
+def assert_torch_has(maps: dict[str, np.ndarray], scene: NSQScene) -> None:
+    """Optiland's tracer on Torch has these maps of irradiance of the scene."""
+    be.set_backend("torch")
+    be.set_precision("float64")
+    with torch.no_grad():
+        theirs = scene.trace(5000, seed=3, backend=TorchBackend(seed=3))
+    for name, expected in maps.items():
+        assert expected.sum() > 0.0
+        np.testing.assert_allclose(be.to_numpy(theirs.detectors[name].irradiance), expected, rtol=1e-9, atol=1e-12)
+
+
 @pytest.mark.filterwarnings("ignore")
 def test_shapes_and_sources_of_the_package() -> None:
     be.set_backend("numpy")
     scene = pupil_scene()
     found = scene.trace(5000, seed=3, backend=live.backend())
     ours = {name: np.array(detector.irradiance) for name, detector in found.detectors.items()}
-    be.set_backend("torch")
-    be.set_precision("float64")
-    with torch.no_grad():
-        theirs = scene.trace(5000, seed=3, backend=TorchBackend(seed=3))
-    for name, expected in ours.items():
-        assert expected.sum() > 0.0
-        np.testing.assert_allclose(be.to_numpy(theirs.detectors[name].irradiance), expected, rtol=1e-9, atol=1e-12)
+    assert_torch_has(ours, scene)
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -102,13 +107,7 @@ def test_lamps_by_table_are_those_of_numpy() -> None:
     scene = lamp_scene()
     ours = scene.trace(5000, seed=3, backend=NumpyBackend(seed=3))
     expected = {name: np.array(found.irradiance) for name, found in ours.detectors.items()}
-    be.set_backend("torch")
-    be.set_precision("float64")
-    with torch.no_grad():
-        theirs = scene.trace(5000, seed=3, backend=TorchBackend(seed=3))
-    for name, values in expected.items():
-        assert values.sum() > 0.0
-        np.testing.assert_allclose(be.to_numpy(theirs.detectors[name].irradiance), values, rtol=1e-9, atol=1e-12)
+    assert_torch_has(expected, scene)
 
 
 @pytest.mark.filterwarnings("ignore")

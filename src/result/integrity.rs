@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use crate::error::{Error, Result};
+use crate::format::hex;
 use crate::result::file_names::REPORT;
 
 /// Stands in the place of the report's own hash while that is computed.
@@ -94,8 +95,4 @@ pub fn check_folder(dir: &Path) -> Result<bool> {
     let is_read = |name: &&String| !name.ends_with(".png");
     meta.files.keys().filter(is_read).try_for_each(|name| check_file(dir, name, &meta))?;
     Ok(true)
-}
-
-pub(crate) fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }

@@ -12,9 +12,10 @@ use std::io::{self, Read as _, Write};
 use std::path::{Component, Path, PathBuf};
 
 use crate::error::{Error, Result};
+use crate::format::hex;
 use crate::placing::{self, Journal, Lock, Scratch, step};
 pub use crate::result::file_names::{GRADIENTS, PATHS, RAY_PATHS, REPORT, TALLY};
-use crate::result::integrity::{self, FileHash, Meta, NO_HASH, hex};
+use crate::result::integrity::{self, FileHash, Meta, NO_HASH};
 use crate::result::png::Style;
 use crate::result::report::Files;
 use crate::result::{Detector, Report, TraceResult, npz_files, png};

@@ -8,7 +8,7 @@ use crate::format::{shown, significant};
 use crate::model::photometry::{MOST_EFFICACY, efficacy, luminous_efficiency};
 use crate::model::{Apart, DetectorKind, SceneIr, Source};
 use crate::result::luminous::{Luminous, LuminousSource};
-use crate::result::wavelengths_apart::{added_up, weighted};
+use crate::result::wavelengths_apart::weighted;
 use crate::result::{Detector, FluxUnit, Moments, Tally, TraceResult};
 use std::fmt::Write;
 
@@ -71,11 +71,15 @@ pub(crate) fn of_source(ir: &SceneIr, source: &Source) -> LuminousSource {
 }
 
 /// What each detector saw, in photometric units; none of a detector whose light has no map, or whose bins mix wavelengths.
+/// Scene and sums are given twice: as they were traced, and with wavelengths added up.
 ///
 /// # Errors
 /// [`Error::Internal`] if the sums are not those of the scene.
-pub(crate) fn of_detectors(ir: &SceneIr, tally: &Tally, unit: FluxUnit) -> Result<Vec<Option<Luminous>>> {
-    let (plain, sums) = added_up(ir, tally);
+pub(crate) fn of_detectors(
+    [ir, plain]: [&SceneIr; 2],
+    [tally, sums]: [&Tally; 2],
+    unit: FluxUnit,
+) -> Result<Vec<Option<Luminous>>> {
     let efficiencies: Vec<f64> =
         ir.wavelengths.iter().map(|&wavelength| luminous_efficiency(wavelength)).collect();
     let of = |number: usize| -> Result<Option<Luminous>> {
@@ -89,7 +93,7 @@ pub(crate) fn of_detectors(ir: &SceneIr, tally: &Tally, unit: FluxUnit) -> Resul
         let mut cells = weighted(apart, &tally.detectors[number], Some(&efficiencies));
         cells.totals = totals(ir, &cells.totals);
         let unit = unit.times(MOST_EFFICACY);
-        let seen = Detector::of_part(&plain, &sums, unit, as_written, &cells)?;
+        let seen = Detector::of_part(plain, sums, unit, as_written, &cells)?;
         Ok(seen.data.result().map().map(|map| {
             let is_intensity = as_written.kind.grid().is_none();
             let scale = if is_intensity { 1.0 } else { LUX };

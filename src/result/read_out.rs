@@ -27,12 +27,13 @@ impl TraceResult {
     pub fn with_rows(ir: &SceneIr, run: &RunInfo, tally: &Tally, recorded: &Recorded) -> Result<TraceResult> {
         check_shape(ir, tally)?;
         let unit = FluxUnit::of_scene(ir, if run.partial { tally.launched.count } else { run.num_rays });
+        let (apart, sums_apart) = (ir, tally);
+        let (ir, tally) = wavelengths_apart::added_up(apart, sums_apart);
+        let (ir, tally) = (&*ir, &*tally);
         let luminous = match run.photometric {
-            true => photometry::of_detectors(ir, tally, unit)?,
+            true => photometry::of_detectors([apart, ir], [sums_apart, tally], unit)?,
             false => vec![None; ir.detectors.len()],
         };
-        let (ir, tally) = wavelengths_apart::added_up(ir, tally);
-        let (ir, tally) = (&*ir, &*tally);
         let uncertainty = Uncertainty::new(ir, tally, unit);
         let total_flux_in = if run.partial { unit.watts(tally.launched.quanta) } else { ir.emitted_flux() };
 

@@ -1,5 +1,6 @@
 //! Lamp files that sources name: read, and put into the sources' tables as if the user had written the numbers.
 
+use crate::format::hex;
 use crate::model::place::{key_of, quoted};
 use crate::model::sources::tabulated::{IntensityUnits, LampFile, Rows, Written};
 use crate::model::whole_files;
@@ -29,8 +30,7 @@ pub fn read(path: &Path) -> Result<(Lamp, String)> {
     let bytes = whole_files::read(path, MAX_BYTES).map_err(|err| Error::file(path, err))?;
     let lamp = parse(&whole_files::text(&bytes))
         .map_err(|err| Error::file(path, format!("{}: {}; {}", err.place, err.problem, err.remedy)))?;
-    let hash = Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect();
-    Ok((lamp, hash))
+    Ok((lamp, hex(&Sha256::digest(&bytes))))
 }
 
 /// Puts the tables of the files that sources name into these sources.

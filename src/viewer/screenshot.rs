@@ -1,8 +1,8 @@
 //! Draws the window's frame without a window: on a device into a texture, and from there into a file.
 
 use crate::error::{Error, Result};
+use crate::format::hex;
 use crate::gpu::{AdapterChoice, Gpu};
-use crate::result::integrity::hex;
 use crate::viewer::app::App;
 use eframe::egui::{self, Pos2, Rect, ViewportId, vec2};
 use eframe::egui_wgpu::{Renderer, RendererOptions, ScreenDescriptor};

@@ -192,57 +192,61 @@ impl Written {
         self.entry().shared().spectrum
     }
 
+    /// The flux as the source says it: by its own numbers, or beside them.
+    fn stated_flux(&self) -> Option<OwnFlux> {
+        let Shared { total_flux, total_flux_lumens, .. } = self.entry().shared();
+        let beside = total_flux_lumens.map(OwnFlux::Lumens).or(total_flux.map(OwnFlux::Watts));
+        self.entry().own_flux().or(beside)
+    }
+
     /// Flux \[W\].
     pub fn total_flux(&self) -> f64 {
-        match (self.entry().own_flux(), self.total_flux_lumens()) {
-            (Some(OwnFlux::Watts(watts)), _) => watts,
-            (_, Some(lumens)) => lumens / photometry::efficacy_of(self.spectrum()),
-            _ => self.entry().shared().total_flux.unwrap_or(0.0),
+        match self.stated_flux() {
+            Some(OwnFlux::Watts(watts)) => watts,
+            Some(OwnFlux::Lumens(lumens)) => lumens / photometry::efficacy_of(self.spectrum()),
+            None => 0.0,
         }
     }
 
     /// Flux \[lm\], of a source that says its flux in lumens or its intensity in candela.
     pub fn total_flux_lumens(&self) -> Option<f64> {
-        match self.entry().own_flux() {
-            Some(OwnFlux::Watts(_)) => None,
+        match self.stated_flux() {
             Some(OwnFlux::Lumens(lumens)) => Some(lumens),
-            None => self.entry().shared().total_flux_lumens,
+            Some(OwnFlux::Watts(_)) | None => None,
         }
     }
 
     /// Refuses a flux that is missing, or is said twice, or is said in lumens of light that nobody sees.
     fn check_flux(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
         let Shared { total_flux, total_flux_lumens, spectrum, .. } = self.entry().shared();
-        match (self.entry().own_flux(), total_flux, total_flux_lumens) {
-            (None, None, None) => {
+        let given = match (total_flux, total_flux_lumens) {
+            (Some(_), _) => Some("total_flux"),
+            (None, Some(_)) => Some("total_flux_lumens"),
+            (None, None) => None,
+        };
+        match (self.entry().own_flux(), given) {
+            (Some(_), Some(key)) => {
+                return checks::refuse(
+                    at(key),
+                    "the intensities say the flux as well",
+                    "leave it out, or give the intensity in units of `relative`",
+                );
+            }
+            (None, None) => {
                 return checks::refuse(
                     at("total_flux"),
                     "the source has no flux",
                     "give total_flux in W, or total_flux_lumens in lm",
                 );
             }
-            (Some(_), Some(_), _) => {
-                return checks::refuse(
-                    at("total_flux"),
-                    "the intensities say the flux as well",
-                    "leave it out, or give the intensity in units of `relative`",
-                );
-            }
-            (Some(_), _, Some(_)) => {
-                return checks::refuse(
-                    at("total_flux_lumens"),
-                    "the intensities say the flux as well",
-                    "leave it out, or give the intensity in units of `relative`",
-                );
-            }
-            (None, Some(_), Some(_)) => {
+            (None, Some(_)) if total_flux.and(total_flux_lumens).is_some() => {
                 return checks::refuse(
                     at("total_flux_lumens"),
                     "the source has a total_flux in W as well",
                     "give one of the two",
                 );
             }
-            (None, Some(_), None) | (None, None, Some(_)) | (Some(_), None, None) => {}
+            (None, Some(_)) | (Some(_), None) => {}
         }
         let is_seen = photometry::is_visible(photometry::efficacy_of(spectrum));
         if self.total_flux_lumens().is_some() && !is_seen {

@@ -17,7 +17,7 @@ use crate::model::{Outline, checks};
 use crate::shaders::shader;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use std::f64::consts::PI;
+use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
 /// Its function.
@@ -255,17 +255,14 @@ impl Written {
 
     /// The table all around the axis.
     fn table(&self) -> IntensityTable {
-        let rows: Vec<Vec<f64>> = self.intensity.rows().into_iter().map(<[f64]>::to_vec).collect();
-        let mut planes: Vec<(f64, Vec<f64>)> = self.azimuth_angles_deg.iter().copied().zip(rows).collect();
-        // Of revolution: the one plane stands for all. Else mirrored at the last plane, until the circle is full.
+        let rows = self.intensity.rows().into_iter().map(<[f64]>::to_vec);
+        let mut planes: Vec<Plane> = self.azimuth_angles_deg.iter().copied().zip(rows).collect();
+        // The one plane of a lamp of revolution stands for all.
         if let [(_, row)] = &planes[..] {
             planes = vec![(0.0, row.clone()), (360.0, row.clone())];
         }
-        while let Some(last) = planes.last().map(|plane| plane.0).filter(|last| *last < 360.0 && *last > 0.0)
-        {
-            let mirrored: Vec<_> =
-                planes.iter().rev().skip(1).map(|(angle, row)| (2.0 * last - angle, row.clone())).collect();
-            planes.extend(mirrored);
+        while planes.last().is_some_and(|(last, _)| (90.0..360.0).contains(last)) {
+            planes = mirrored(planes);
         }
         let (azimuth, rows) = planes.into_iter().map(|(angle, row)| (angle.to_radians(), row)).unzip();
         IntensityTable {
@@ -290,6 +287,48 @@ impl Written {
             file => Ok(file.as_deref()),
         }
     }
+}
+
+/// A plane C \[deg\] and its intensities.
+pub(crate) type Plane = (f64, Vec<f64>);
+
+/// Planes from C0 on, and behind the last one their mirror images about it.
+pub(crate) fn mirrored(mut planes: Vec<Plane>) -> Vec<Plane> {
+    let about = planes.last().map_or(0.0, |(angle, _)| *angle);
+    let images: Vec<Plane> =
+        planes.iter().rev().skip(1).map(|(angle, row)| (2.0 * about - angle, row.clone())).collect();
+    planes.extend(images);
+    planes
+}
+
+/// The integral of intensity over all directions: over polar angles and azimuths \[rad\], with a row for each azimuth, or one
+/// row all around. Intensity is linear in each angle, and the integral of that is exact.
+pub(crate) fn flux(polar: &[f64], azimuth: &[f64], rows: &[Vec<f64>]) -> f64 {
+    let of_rows: Vec<f64> = rows.iter().map(|row| flux_per_radian(polar, row)).collect();
+    match of_rows.as_slice() {
+        [all_around] => TAU * all_around,
+        _ => {
+            let steps = azimuth.windows(2).map(|pair| pair[1] - pair[0]);
+            steps.zip(of_rows.windows(2)).map(|(step, pair)| step * (pair[0] + pair[1]) / 2.0).sum()
+        }
+    }
+}
+
+/// The integral of I sin(theta) d(theta) over a plane.
+fn flux_per_radian(polar: &[f64], row: &[f64]) -> f64 {
+    let intervals = polar.windows(2).zip(row.windows(2));
+    intervals.map(|(angles, values)| flux_between([angles[0], angles[1]], [values[0], values[1]])).sum()
+}
+
+/// The integral of I sin(theta) d(theta) over an interval where I is linear in theta: from the middle, so that little cancels.
+fn flux_between([a, b]: [f64; 2], values: [f64; 2]) -> f64 {
+    let (middle, half) = ((a + b) / 2.0, (b - a) / 2.0);
+    if half <= 0.0 {
+        return 0.0;
+    }
+    let mean = (values[0] + values[1]) * middle.sin() * half.sin();
+    let slope = (values[1] - values[0]) * middle.cos() * (half.sin() - half * half.cos()) / half;
+    mean + slope
 }
 
 /// A row of the shaders' table: a polar angle and what is known there.
@@ -361,8 +400,7 @@ fn nearer_to_pole(rising: impl Iterator<Item = f64>) -> Vec<f64> {
 impl IntensityTable {
     /// Flux over all directions, in the units of the table times sr.
     pub fn flux(&self) -> f64 {
-        let knots = self.knots();
-        knots.windows(2).map(|pair| pair[0].flux_to(&pair[1])).sum()
+        flux(&self.polar, &self.azimuth, &self.rows)
     }
 
     /// Its polar angles, and as many between them as the shaders' series and Newton's method ask for. Intensity is linear
@@ -460,7 +498,6 @@ impl Emission for Tabulated {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::f64::consts::TAU;
 
     fn table(polar: &[f64], rows: Vec<Vec<f64>>) -> IntensityTable {
         let azimuth = (0..rows.len()).map(|i| TAU * i as f64 / (rows.len() - 1) as f64).collect();

@@ -1,6 +1,7 @@
 //! Whether the files of a result are as they were written: by their hashes in `report.json`.
 
 use crate::error::{Error, Result};
+use crate::format::hex;
 use crate::result::Report;
 use crate::result::integrity::{self, Meta};
 use crate::result::output::{REPORT, TALLY};
@@ -45,7 +46,7 @@ impl Files {
 pub(super) fn check(dir: &Path, findings: &mut Vec<Finding>) -> Result<Files> {
     let bytes = report_of(dir)?;
     let mut damaged = |problem: &str| findings.push(Finding::of_file(REPORT, problem));
-    let mut files = Files { sha256: integrity::hex(&Sha256::digest(&bytes)), ..Files::default() };
+    let mut files = Files { sha256: hex(&Sha256::digest(&bytes)), ..Files::default() };
     let report = match std::str::from_utf8(&bytes) {
         Ok(text) => serde_json::from_str::<Value>(text).map_err(|error| error.to_string()),
         Err(error) => Err(error.to_string()),

@@ -12,6 +12,8 @@ mod broken;
 mod eulumdat;
 mod ies;
 
+use crate::model::place::quoted;
+use crate::model::sources::tabulated::{Plane, flux, mirrored};
 pub use eulumdat::{read_eulumdat, write_eulumdat};
 pub use ies::{read_ies, write_ies};
 
@@ -25,8 +27,6 @@ const MAX_DIMENSION: f64 = 1e6;
 const ROUNDED_ANGLE: f64 = 0.01;
 /// Relative difference of lumens from what a file states that goes without a remark.
 const SMALL_DIFFERENCE: f64 = 0.05;
-/// Longest piece of a file that a message shows.
-const LONGEST_SHOWN: usize = 40;
 
 /// Luminous intensity over the directions of a lamp: photometry of type C.
 #[derive(Debug, Clone, PartialEq)]
@@ -90,15 +90,8 @@ impl Lamp {
     /// Luminous flux \[lm\]: the integral of the intensity over all directions. Between the angles of the
     /// table the intensity is linear in both angles, and the integral of that is exact.
     pub fn lumens(&self) -> f64 {
-        let rows: Vec<f64> =
-            self.intensity.iter().map(|row| flux_per_radian(&self.polar_angles_deg, row)).collect();
-        match rows.as_slice() {
-            [all_around] => std::f64::consts::TAU * all_around,
-            _ => {
-                let steps = self.azimuth_angles_deg.windows(2).map(|pair| (pair[1] - pair[0]).to_radians());
-                steps.zip(rows.windows(2)).map(|(step, pair)| step * (pair[0] + pair[1]) / 2.0).sum()
-            }
-        }
+        let radians = |angles: &[f64]| angles.iter().map(|angle| angle.to_radians()).collect::<Vec<_>>();
+        flux(&radians(&self.polar_angles_deg), &radians(&self.azimuth_angles_deg), &self.intensity)
     }
 
     /// The value of a keyword, if the file has it.
@@ -107,36 +100,8 @@ impl Lamp {
     }
 }
 
-/// The integral of I sin(gamma) d(gamma) over a plane \[lm/rad\].
-fn flux_per_radian(polar_angles_deg: &[f64], row: &[f64]) -> f64 {
-    let intervals = polar_angles_deg.windows(2).zip(row.windows(2));
-    intervals.map(|(gamma, value)| flux_between([gamma[0], gamma[1]], [value[0], value[1]])).sum()
-}
-
-/// The integral of I sin(gamma) d(gamma) over an interval where I is linear in gamma: from the middle, so
-/// that little cancels.
-fn flux_between(gamma_deg: [f64; 2], value: [f64; 2]) -> f64 {
-    let [a, b] = gamma_deg.map(f64::to_radians);
-    let (middle, half) = ((a + b) / 2.0, (b - a) / 2.0);
-    if half <= 0.0 {
-        return 0.0;
-    }
-    let mean = (value[0] + value[1]) * middle.sin() * half.sin();
-    let slope = (value[1] - value[0]) * middle.cos() * (half.sin() - half * half.cos()) / half;
-    mean + slope
-}
-
 fn at_line(index: usize, problem: impl Into<String>, remedy: impl Into<String>) -> Malformed {
     Malformed { place: format!("line {}", index + 1), problem: problem.into(), remedy: remedy.into() }
-}
-
-/// Text of the file's as a message shows it: escaped and cut.
-fn quoted(text: &str) -> String {
-    let mut shown: String = text.chars().take(LONGEST_SHOWN).collect();
-    if text.chars().nth(LONGEST_SHOWN).is_some() {
-        shown.push('…');
-    }
-    format!("{shown:?}")
 }
 
 /// The lines of a file, if they end in line feeds. A mark for the end of a file, of old systems, is left out.
@@ -238,9 +203,6 @@ enum Symmetry {
     Both,
 }
 
-/// A plane C \[deg\] and its intensities.
-type Plane = (f64, Vec<f64>);
-
 impl Symmetry {
     /// Most planes that `stored` ones become.
     fn unfolded(self, stored: usize) -> usize {
@@ -257,19 +219,11 @@ impl Symmetry {
     fn unfold(self, stored: Vec<Plane>) -> Vec<Plane> {
         match self {
             Symmetry::None | Symmetry::Revolution => stored,
-            Symmetry::AboutC0 => mirrored(stored, 180.0),
+            Symmetry::AboutC0 => mirrored(stored),
             Symmetry::AboutC90 => turned(stored),
-            Symmetry::Both => mirrored(mirrored(stored, 90.0), 180.0),
+            Symmetry::Both => mirrored(mirrored(stored)),
         }
     }
-}
-
-/// Planes up to `about`, and behind them their mirror images.
-fn mirrored(mut planes: Vec<Plane>, about: f64) -> Vec<Plane> {
-    let images: Vec<Plane> =
-        planes.iter().rev().skip(1).map(|(angle, row)| (2.0 * about - angle, row.clone())).collect();
-    planes.extend(images);
-    planes
 }
 
 /// Planes from 90 to 270, mirrored about C90-C270 and cut at C0, which is the image of C180. A file without
