@@ -60,6 +60,7 @@ pub mod paths;
 mod placing;
 #[warn(clippy::wildcard_enum_match_arm, reason = "as in `model`")]
 pub mod program;
+mod random;
 #[warn(clippy::wildcard_enum_match_arm, reason = "as in `model`")]
 pub mod result;
 pub mod run;

@@ -470,7 +470,7 @@ fn a_source_on_a_surface_leaves_it() {
                 };
                 let surface = absorber(within(&frame, &place), shape.clone());
                 let sky = Detector {
-                    kind: DetectorKind::FarField(FarField { num_theta: 3, num_phi: 3 }),
+                    kind: DetectorKind::FarField(FarField { num_theta: 3, num_phi: 3, sphere: false }),
                     ..screen("sky", within(&frame, &at(4.0)), 1.0, true)
                 };
                 let ir = scene(vec![surface], vec![lamp(frame, kind, VACUUM)], vec![sky]);
@@ -579,7 +579,7 @@ fn tiles_on_a_board_go_by_the_list_one_by_one() {
 #[test]
 fn far_fields_blur_nothing_near() {
     let sky = |z: f64| Detector {
-        kind: DetectorKind::FarField(FarField { num_theta: 3, num_phi: 3 }),
+        kind: DetectorKind::FarField(FarField { num_theta: 3, num_phi: 3, sphere: false }),
         ..screen("sky", at(z), 1.0, false)
     };
     let reflector = mirror(at(0.0), Shape::Plane(Outline::Rectangle { width: 20.0, height: 20.0 }), 1.0);

@@ -867,7 +867,7 @@ fn lamp_in_a_ball() -> SceneIr {
         detectors: vec![Detector {
             name: "sky".into(),
             frame: at(20.0),
-            kind: DetectorKind::FarField(FarField { num_theta: 9, num_phi: 9 }),
+            kind: DetectorKind::FarField(FarField { num_theta: 9, num_phi: 9, sphere: false }),
             absorb: true,
         }],
         sampling: Sampling { rr_start_flux: 0.0, ..Sampling::default() },

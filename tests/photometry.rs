@@ -108,7 +108,7 @@ fn watts_have_the_same_bits_with_and_without_photometry() {
     for name in ["telephoto_spectral", "erfle_eyepiece", "split_ghosts", "cooke_triplet", "opal_lamp"] {
         let mut ir = zoo::load(name);
         if name == "cooke_triplet" {
-            let kind = nsq_gpu::model::FarField { num_theta: 9, num_phi: 8 };
+            let kind = nsq_gpu::model::FarField { num_theta: 9, num_phi: 8, sphere: false };
             ir.detectors[0].kind = DetectorKind::FarField(kind);
         }
         for (sampler, precision) in [

@@ -104,7 +104,7 @@ fn everything() -> (SceneIr, Tally) {
             DetectorKind::Spectral(Spectral { grid: grid(2.0, 2.0, 2, 1), wavelength_edges: edges }),
             false,
         ),
-        detector("sky", DetectorKind::FarField(FarField { num_theta: 3, num_phi: 4 }), true),
+        detector("sky", DetectorKind::FarField(FarField { num_theta: 3, num_phi: 4, sphere: false }), true),
         detector(
             "rays",
             DetectorKind::RayDatabase(RayDatabase { width: 2.0, height: 2.0, max_rays: Some(2) }),
@@ -389,7 +389,7 @@ fn oracle() -> (Value, TraceResult) {
             DetectorKind::Spectral(Spectral { grid: grid(20.0, 19.0, 6, 5), wavelength_edges: edges }),
             true,
         ),
-        detector("far", DetectorKind::FarField(FarField { num_theta: 9, num_phi: 8 }), true),
+        detector("far", DetectorKind::FarField(FarField { num_theta: 9, num_phi: 8, sphere: false }), true),
         detector(
             "rays",
             DetectorKind::RayDatabase(RayDatabase { width: 25.0, height: 25.0, max_rays: Some(100) }),

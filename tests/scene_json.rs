@@ -89,7 +89,10 @@ fn detectors_carry_optilands_defaults() {
     assert_eq!((grid.splat, ir.detectors[1].absorb), (Splat::Hard, false));
     // numpy.linspace(0.4, 0.7, 4)
     assert_eq!(wavelength_edges, &[0.4, 0.5, 0.6, 0.7]);
-    assert_eq!(ir.detectors[2].kind, DetectorKind::FarField(FarField { num_theta: 90, num_phi: 360 }));
+    assert_eq!(
+        ir.detectors[2].kind,
+        DetectorKind::FarField(FarField { num_theta: 90, num_phi: 360, sphere: false })
+    );
     assert_eq!(
         ir.detectors[3].kind,
         DetectorKind::RayDatabase(RayDatabase { width: 1.0, height: 2.0, max_rays: None })

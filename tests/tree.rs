@@ -108,7 +108,7 @@ fn random_scene(seed: u64, num_surfaces: usize, reach: f64) -> SceneIr {
     let mut draws = Draws(seed);
     let surfaces =
         (0..num_surfaces).map(|i| surface(draws.frame(reach), draws.shape(i), i / 10 + i)).collect();
-    let far_field = DetectorKind::FarField(FarField { num_theta: 9, num_phi: 18 });
+    let far_field = DetectorKind::FarField(FarField { num_theta: 9, num_phi: 18, sphere: false });
     let detectors = vec![
         screen(draws.frame(reach), 20.0, false),
         Detector { name: "sky".into(), frame: at(0.0, 0.0, 2.0 * reach), kind: far_field, absorb: true },
@@ -188,7 +188,7 @@ fn concentric_shells_have_the_same_paths() {
         shell.interaction = Interaction::Refractive;
         shell
     };
-    let sky = DetectorKind::FarField(FarField { num_theta: 9, num_phi: 18 });
+    let sky = DetectorKind::FarField(FarField { num_theta: 9, num_phi: 18, sphere: false });
     let detectors = vec![Detector { name: "sky".into(), frame: at(0.0, 0.0, 40.0), kind: sky, absorb: true }];
     assert_same(&scene((0..400).map(shell).collect(), detectors), 40, "400 shells");
 }

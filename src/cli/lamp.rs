@@ -12,7 +12,8 @@ use std::path::PathBuf;
 pub struct Args {
     /// The file: IES LM-63 (.ies) or EULUMDAT (.ldt)
     file: PathBuf,
-    /// Print the table as JSON: angles in deg, intensity in cd
+    /// Print the table as JSON, as a source of type `tabulated` has it: angles in deg, intensity in cd. Plane C lies at the
+    /// azimuth 360 - C.
     #[arg(long)]
     json: bool,
 }
@@ -77,9 +78,9 @@ fn document(lamp: &Lamp, sha256: &str) -> Value {
     };
     let keywords: serde_json::Map<String, Value> =
         lamp.keywords.iter().map(|(key, value)| (key.clone(), json!(value))).collect();
+    let (azimuths, rows) = lamp.in_frame();
     json!({
-        "polar_angles_deg": lamp.polar_angles_deg, "azimuth_angles_deg": lamp.azimuth_angles_deg,
-        "intensity": lamp.intensity, "opening": opening, "lumens": lamp.lumens(), "lamp_lumens": lamp.lamp_lumens,
+        "polar_angles_deg": lamp.polar_angles_deg, "azimuth_angles_deg": azimuths, "intensity": rows, "opening": opening, "lumens": lamp.lumens(), "lamp_lumens": lamp.lamp_lumens,
         "watts": lamp.watts, "keywords": keywords, "remarks": lamp.remarks, "sha256": sha256,
     })
 }

@@ -9,6 +9,8 @@ mod completions;
 pub(crate) mod console;
 mod device_args;
 mod diff;
+mod export;
+mod figures;
 mod lamp;
 pub mod materials;
 mod merge;
@@ -58,6 +60,10 @@ enum Command {
     Merge(merge::Args),
     /// Compare two results: whether they differ by more than chance.
     Compare(compare::Args),
+    /// Say how even, how wide and how strong the light of a result is: uniformity, FWHM, beam angle, flux in a region.
+    Figures(figures::Args),
+    /// Write the far field of a result as a lamp file: IES LM-63 or EULUMDAT.
+    Export(export::Args),
     /// Say what of a result is proven: its files by their hashes and sums, its numbers by rays that are traced again.
     Verify(verify::Args),
     /// Look at a scene while it is traced, or at results.
@@ -95,6 +101,8 @@ pub fn main() -> ExitCode {
         Command::Trace(args) => trace::run(&args, start),
         Command::Merge(args) => merge::run(&args),
         Command::Compare(args) => compare::run(&args),
+        Command::Figures(args) => figures::run(&args),
+        Command::Export(args) => export::run(&args),
         Command::Verify(args) => verify::run(&args),
         #[cfg(feature = "viewer")]
         Command::View(args) => view::run(&args),

@@ -6,11 +6,12 @@ use crate::cli::pictures::PictureArgs;
 use crate::cli::progress::{self, Mode};
 use crate::cli::quantity;
 use crate::cli::stops::{end_with_caller, stop_on_interrupt};
-use crate::cli::trace_args::{PathsArg, StandardErrorArg, TraceArgs, write_guide};
+use crate::cli::trace_args::{PathsArg, PhotometricArg, StandardErrorArg, TraceArgs, write_guide};
 use crate::count;
 use crate::error::{Error, Result};
 use crate::format::shown;
 use crate::model::SceneIr;
+use crate::result::figures::judge_all;
 use crate::result::png::Style;
 use crate::result::{Gradient, StageTime, StoppedBy, TraceResult, output, report};
 use crate::run::gradients::Differentiated;
@@ -50,10 +51,12 @@ pub struct Args {
     /// Record the paths of about N rays, or of all, in ray_paths.npz.
     #[arg(long, value_name = "N|all", value_parser = parse_record_paths, requires = "output")]
     record_paths: Option<RecordPaths>,
-    /// Say results in lumens, lux and candela as well, for any spectrum. That is so by itself where a source says its flux in
-    /// lumens or its intensity in candela. Light of each wavelength then has pixels of its own while rays are traced.
+    #[command(flatten)]
+    photometric: PhotometricArg,
+    /// Also report how even, how wide and how strong the light of each map is: uniformity, FWHM, beam and field angle, each
+    /// with its error. `nsq-gpu figures` finds them of a result, and of its regions.
     #[arg(long, conflicts_with = "gradient")]
-    photometric: bool,
+    figures: bool,
     /// Differentiate what detectors record by numbers of the scene: L1.r1,L2.z. With -o, maps of derivatives and their
     /// standard errors go to gradients.npz. Names with dots or commas are quoted: '"a.b".r1'.
     #[arg(long, value_name = "NAMES", value_parser = parse_names, conflicts_with_all = ["checkpoint", "overwrite",
@@ -131,9 +134,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     let pictures = args.pictures.style(&ir)?;
     let mut run = Run::of(&scene, &ir).named(args.scene.display()).messages(&say);
     run.start = start;
-    if args.photometric || scene.says_lumens() {
-        run = run.photometric()?;
-    }
+    run = args.photometric.set(run, scene.says_lumens())?;
     if let Some(path) = &args.checkpoint {
         run = run.checkpoint(path, args.checkpoint_interval, args.overwrite)?;
     }
@@ -173,7 +174,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         run = run.proof();
     }
     let mut shown = progress::shown(args.progress, &stop);
-    let outcome = run.go_with(move |pass| Ok(shown(&pass.status)))?;
+    let mut outcome = run.go_with(move |pass| Ok(shown(&pass.status)))?;
     let unwritten = write_guide(guide_file, &outcome.options).err();
     let path = args.checkpoint.as_deref().unwrap_or(Path::new(""));
     if let Saved::Kept(rays_there) = outcome.saved {
@@ -182,6 +183,9 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
             path.display(),
             outcome.tally.launched.count
         ));
+    }
+    if args.figures {
+        outcome.result.figures = judge_all(&outcome.result);
     }
     let result = &outcome.result;
     result.run.stage_times.iter().for_each(|time| say(&profile_line(time, result.run.trace_time_sec)));
@@ -211,6 +215,9 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
         return Err(Error::Usage(
             "--gradient gives errors of derivatives alone; leave out --standard-error on".into(),
         ));
+    }
+    if args.photometric.is_asked_for() {
+        return Err(Error::Usage("--gradient gives derivatives in watts; leave out --photometric".into()));
     }
     let text = Scene::text(&args.scene)?;
     let folder = args.scene.parent().unwrap_or(Path::new(""));

@@ -119,6 +119,43 @@ pub enum PrecisionArg {
     F64,
 }
 
+/// The `--photometric` argument.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::Args)]
+pub(crate) struct PhotometricArg {
+    /// Say results in lumens, lux and candela as well, for any spectrum. `auto` does where a source says its flux in lumens or
+    /// its intensity in candela. Light of each wavelength then has pixels of its own while rays are traced.
+    #[arg(long = "photometric", value_enum, default_value_t = When::Auto, default_missing_value = "on", num_args = 0..=1,
+        require_equals = true, value_name = "WHEN")]
+    when: When,
+}
+
+/// When results are photometric.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum When {
+    /// Where a source says its flux in lumens or its intensity in candela.
+    Auto,
+    /// Always.
+    On,
+    /// Never.
+    Off,
+}
+
+impl PhotometricArg {
+    /// The run, whose results are photometric if that is asked for, or if the scene says lumens.
+    pub(crate) fn set<'a>(&self, run: Run<'a>, says_lumens: bool) -> Result<Run<'a>> {
+        if self.when == When::On || (self.when == When::Auto && says_lumens) {
+            run.photometric()
+        } else {
+            Ok(run)
+        }
+    }
+
+    /// True if somebody asks for it.
+    pub(crate) fn is_asked_for(&self) -> bool {
+        self.when == When::On
+    }
+}
+
 /// The `--guide` argument.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum GuideArg {

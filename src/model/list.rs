@@ -26,7 +26,7 @@ macro_rules! kinds {
         $(unwritten {
             $(
                 $(#[doc = $of_doc:literal])+
-                $of_name:ident($of_file:ident::$of_type:ident) by $of_function:ident = $of_text:ident;
+                $of_name:ident($of_file:ident::$of_type:ident) by $($of_function:ident $(($of_code:literal))? = $of_text:ident),+;
             )+
         })?
     ) => {
@@ -56,16 +56,16 @@ macro_rules! kinds {
                 #[doc = concat!("[`", stringify!($file), "::", stringify!($text), "`]")]
                 $function $(= $code)?,
             )+)?)+
-            $($(
+            $($($(
                 #[doc = concat!("[`", stringify!($of_file), "::", stringify!($of_text), "`]")]
-                $of_function,
-            )+)?
+                $of_function $(= $of_code)?,
+            )+)+)?
         }
 
         impl $functions {
             /// All of them, in the order of the list.
             pub const ALL: &[$functions] =
-                &[$($($($(#[cfg($function_cfg)])? $functions::$function,)+)?)+ $($($functions::$of_function,)+)?];
+                &[$($($($(#[cfg($function_cfg)])? $functions::$function,)+)?)+ $($($($functions::$of_function,)+)+)?];
 
             /// Those that occur, in the order of their codes, without repetition.
             pub fn distinct(functions: impl Iterator<Item = Self>) -> Vec<Self> {
@@ -81,7 +81,7 @@ macro_rules! kinds {
             pub fn wgsl(self) -> &'static $wgsl {
                 match self {
                     $($($($(#[cfg($function_cfg)])? $functions::$function => &$file::$text,)+)?)+
-                    $($($functions::$of_function => &$of_file::$of_text,)+)?
+                    $($($($functions::$of_function => &$of_file::$of_text,)+)+)?
                 }
             }
         }

@@ -159,10 +159,15 @@ impl Features {
         self.detectors.iter().any(|function| function.reads_bins())
     }
 
-    /// True if far fields keep light of each wavelength apart, and no far field does not.
-    pub fn has_far_fields_apart_alone(&self) -> bool {
-        let has = |function| self.detectors.contains(&function);
-        has(DetectorFunction::ApartFarField) && !has(DetectorFunction::FarField)
+    /// True if some detector calls the function of another one, which no detector has.
+    pub fn borrows(&self, function: DetectorFunction) -> bool {
+        use DetectorFunction::{ApartFarField, ApartSphere, FarField, FarFieldSphere};
+        let borrowers: &[DetectorFunction] = match function {
+            FarField => &[FarFieldSphere, ApartFarField, ApartSphere],
+            FarFieldSphere => &[ApartSphere],
+            _ => &[],
+        };
+        !self.detectors.contains(&function) && borrowers.iter().any(|other| self.detectors.contains(other))
     }
 
     /// True if some shape, source, BSDF or coating reads a table.

@@ -39,9 +39,19 @@ impl Luminous {
         largest.map_or((0.0, None), |(place, value)| (*value, error(place)))
     }
 
+    /// What the map is called, and its unit.
+    pub(crate) fn quantity(&self) -> (&'static str, &'static str) {
+        if self.is_intensity { ("Luminous intensity", "cd") } else { ("Illuminance", "lx") }
+    }
+
+    /// The map's values for 1 lm in a unit of a cell's size: an area \[mm^2\], or a solid angle \[sr\].
+    pub(crate) fn per_size(&self) -> f64 {
+        if self.is_intensity { 1.0 } else { 1e6 }
+    }
+
     /// The unit of the map.
     pub fn unit(&self) -> &'static str {
-        if self.is_intensity { "cd" } else { "lx" }
+        self.quantity().1
     }
 
     /// The name of the map in files; that of its standard error ends in `_standard_error`.

@@ -9,6 +9,7 @@ use crate::result::{
     SurfaceKind, SurfaceResult, Tally, TraceResult, Uncertainty, check_shape, light_paths,
 };
 use crate::result::{photometry, wavelengths_apart};
+use std::collections::BTreeMap;
 
 impl TraceResult {
     /// Reads the sums of a trace of `ir` out into physical units, with the rows that the tally holds.
@@ -76,6 +77,7 @@ impl TraceResult {
             ledger,
             diagnostics: Diagnostics::default(),
             paths: path_table(ir, run, tally, unit),
+            figures: BTreeMap::new(),
             gradients: Vec::new(),
             sources: match run.photometric {
                 true => {

@@ -42,7 +42,7 @@ const KEYS: &str = "schema program version scene num_rays_requested partial stop
     rays_per_sec num_rays_before num_rays_total num_rays_absorbed num_rays_escaped num_rays_flux_killed \
     num_rays_depth_killed total_flux_in total_flux_detected total_flux_tapped total_flux_absorbed \
     total_flux_bulk_absorbed total_flux_escaped total_flux_lost flux_conservation_error trace_time_sec first_rays_sec \
-    detectors photometry surfaces ledger diagnostics paths paths_without_row recoated coatings coating_warnings paths_file gradients gradients_file ray_paths";
+    detectors photometry figures surfaces ledger diagnostics paths paths_without_row recoated coatings coating_warnings paths_file gradients gradients_file ray_paths";
 
 /// Names of the files that were written beside the document.
 #[derive(Debug, Clone, Default, PartialEq)]

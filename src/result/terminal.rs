@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use crate::format::{plain, shown, significant, thousands};
 use crate::result::StoppedBy;
+use crate::result::figures;
 use crate::result::photometry;
 use crate::result::{GuideInfo, LedgerEntry, PathTable, Recoated, TraceResult, few_rays, gradients};
 
@@ -23,10 +24,12 @@ impl TraceResult {
         });
         let parts = [self.header(), self.flux_table(), self.detector_table()];
         let luminous = self.run.photometric.then(|| photometry::table(self));
+        let figures = (!self.figures.is_empty()).then(|| figures::text(&self.figures));
         let last = [self.ledger_line(), self.warning_list()];
         parts
             .into_iter()
             .chain(luminous)
+            .chain(figures)
             .chain(gradients)
             .chain(paths)
             .chain(last)

@@ -2,8 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::result::figures::Figures;
 use crate::result::luminous::LuminousSource;
 use crate::result::{Detector, Diagnostics, Gradient, Ledger, PathTable, RayPaths, RunInfo};
+use std::collections::BTreeMap;
 
 /// The results of one trace. Fluxes and counts have the names and meanings of Optiland's `SimulationResult`.
 /// `report.json` has its fields under the same names.
@@ -58,6 +60,9 @@ pub struct TraceResult {
     /// What sources give in photometric units, by name, where the trace was asked for them.
     #[serde(skip)]
     pub sources: Vec<(String, LuminousSource)>,
+    /// How even, how wide and how strong the light of each detector is, where that was asked for.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub figures: BTreeMap<String, Figures>,
     /// Derivatives by parameters, if any were asked for.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub gradients: Vec<Gradient>,

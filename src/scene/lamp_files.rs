@@ -71,7 +71,8 @@ fn take(written: &mut Written, lamp: Lamp) {
             }
         }
     }
+    let (azimuths, rows) = lamp.in_frame();
     written.polar_angles_deg = lamp.polar_angles_deg;
-    written.azimuth_angles_deg = lamp.azimuth_angles_deg;
-    written.intensity = Rows::Azimuths(lamp.intensity);
+    written.azimuth_angles_deg = azimuths;
+    written.intensity = Rows::Azimuths(rows);
 }

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::placing;
-use crate::viewer::field::Field;
+use crate::result::figures::field::Field;
 use crate::viewer::spots::Spots;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};

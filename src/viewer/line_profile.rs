@@ -1,6 +1,6 @@
 //! Values of a map along a line.
 
-use crate::viewer::field::{Cell, Field};
+use crate::result::figures::field::{Cell, Field};
 
 /// A line through a plot.
 pub type Line = [(f64, f64); 2];

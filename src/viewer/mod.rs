@@ -5,7 +5,7 @@
 //! following light by its path, in the background: a table, maps of its rows, and their rays
 //! light     the table of the detector that is shown, and what is ticked and shown of it
 //! model     results, comparison, choices -> Picture (field, scale | spots); needs no window
-//! field, region, line_profile, two_results, spots    what is shown, as pure functions
+//! line_profile, two_results, spots    what is shown, as pure functions (field, region: result/figures)
 //! silhouettes     the scene from the side, as curves in a plane
 //! plot, screen_pixels    axes with a view; pixels of the screen (scales and colours: result/picture)
 //! app, views      panels around the plot
@@ -14,13 +14,11 @@
 
 pub mod app;
 pub mod export;
-pub mod field;
 pub mod following;
 pub mod light;
 pub mod line_profile;
 pub mod model;
 pub mod plot;
-pub mod region;
 pub mod screen_pixels;
 pub mod screenshot;
 pub mod settings;

@@ -2,14 +2,14 @@
 
 use crate::error::{Error, Result};
 use crate::model::photometry;
+use crate::result::figures::field::{CellGeometry, Field};
+use crate::result::figures::region::{EncircledEnergy, Region, Statistics};
 use crate::result::output::REPORT;
 use crate::result::picture::pyramid::Pyramid;
 use crate::result::picture::scale::{Scale, ScaleKind};
 use crate::result::{Detector, DetectorData, PathColumns, SpectralMap, TraceResult};
-use crate::viewer::field::{CellGeometry, Field};
 use crate::viewer::light::{Context, Light, RaysOfPaths};
 use crate::viewer::line_profile::Line;
-use crate::viewer::region::{EncircledEnergy, Region, Statistics};
 use crate::viewer::settings::Settings;
 use crate::viewer::spots::{SpotFigures, Spots};
 use crate::viewer::tracing::{

@@ -1,10 +1,10 @@
 //! Pictures of values and rays at the resolution of the screen: their cost depends on the window, not on the detector.
 
+use crate::result::figures::field::{CellGeometry, Field};
 use crate::result::picture::polar::{Disc, Window};
 use crate::result::picture::pyramid::Pyramid;
 use crate::result::picture::raster::{Means, disc, runs};
 use crate::result::picture::scale::{Palette, Scale};
-use crate::viewer::field::{CellGeometry, Field};
 use crate::viewer::plot::View;
 use crate::viewer::spots::Spots;
 use eframe::egui::{Color32, ColorImage};

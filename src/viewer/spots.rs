@@ -3,8 +3,8 @@
 use crate::error::Result;
 use crate::model::photometry;
 use crate::result::RayDatabase;
-use crate::viewer::field::Labels;
-use crate::viewer::region::{EncircledEnergy, Region, SpotMoments, encircled_energy};
+use crate::result::figures::field::Labels;
+use crate::result::figures::region::{EncircledEnergy, Region, SpotMoments, encircled_energy};
 use glam::DVec3;
 use ndarray::Array1;
 
@@ -153,7 +153,7 @@ mod tests {
     use crate::model::Frame;
     use crate::result::RayColumns;
     use crate::result::detectors::ray_database::RecordedRays;
-    use crate::viewer::region::RegionOutline;
+    use crate::result::figures::region::RegionOutline;
     use glam::DMat3;
     use ndarray::array;
 

@@ -1,10 +1,10 @@
 //! The state of the window: the model, and the user's present actions.
 
+use crate::result::figures::field::Cell;
+use crate::result::figures::region::Region;
 use crate::result::picture::scale::Palette;
-use crate::viewer::field::Cell;
 use crate::viewer::model::{Analysis, Model, Picture, Subject};
 use crate::viewer::plot::{PlotFrame, View};
-use crate::viewer::region::Region;
 use crate::viewer::settings::Plane;
 use crate::viewer::spots::Spot;
 use eframe::egui::TextureHandle;

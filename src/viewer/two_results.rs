@@ -1,6 +1,6 @@
 //! Two results of one detector: A, B, their difference, and how significant it is.
 
-use crate::viewer::field::{Field, Labels};
+use crate::result::figures::field::{Field, Labels};
 use ndarray::Array2;
 use serde::{Deserialize, Serialize};
 

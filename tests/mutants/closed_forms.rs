@@ -82,7 +82,7 @@ fn pixels(name: &str, z: f64) -> Detector {
 }
 
 fn sky() -> Detector {
-    let kind = DetectorKind::FarField(FarField { num_theta: 18, num_phi: 8 });
+    let kind = DetectorKind::FarField(FarField { num_theta: 18, num_phi: 8, sphere: false });
     Detector { name: "sky".into(), frame: at(10.0), kind, absorb: true }
 }
 
@@ -836,7 +836,7 @@ fn points_of_scrambles(bench: &Bench) -> Outcome {
 
 /// Of a point's rays, and of an area's, each of eight azimuths gets the same number, and each of two wavelengths.
 fn points_over_the_sky(bench: &Bench) -> Outcome {
-    let azimuths = DetectorKind::FarField(FarField { num_theta: 1, num_phi: 8 });
+    let azimuths = DetectorKind::FarField(FarField { num_theta: 1, num_phi: 8, sphere: false });
     let area = Outline::Disk { radius: 1.0 };
     for kind in [
         SourceKind::Point(Point { half_angle: 0.8 }),

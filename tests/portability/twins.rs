@@ -7,7 +7,7 @@ use crate::variants::{
 use naga::{Expression, Literal, Module};
 use nsq_gpu::engine::sums;
 use nsq_gpu::model::bsdfs::harvey_shack;
-use nsq_gpu::model::{DetectorKind, Interaction, Splat};
+use nsq_gpu::model::{Apart, DetectorKind, FarField, Interaction, Splat};
 use nsq_gpu::program::layout::tables::{CELL_BULK, CELL_DEPTH_KILLED, LEDGER_CELLS};
 use nsq_gpu::program::layout::{bindings, rng};
 use nsq_gpu::program::{Precision, Program, events};
@@ -103,14 +103,18 @@ fn detectors_have_the_codes_of_the_dispatch() {
         let function = match kind {
             DetectorKind::Irradiance(_) => "irradiance",
             DetectorKind::Spectral(_) => "spectral",
-            DetectorKind::FarField(_) => "far_field",
+            DetectorKind::FarField(FarField { sphere: false, .. }) => "far_field",
+            DetectorKind::FarField(_) => "far_field_sphere",
             DetectorKind::RayDatabase(_) => "ray_database",
-            DetectorKind::Apart(_) => "far_field_apart",
+            DetectorKind::Apart(Apart { ref of, .. }) => match **of {
+                DetectorKind::FarField(FarField { sphere: true, .. }) => "far_field_sphere_apart",
+                _ => "far_field_apart",
+            },
         };
         let call = format!("if detector.kind == {code}u {{ record_{function}(");
         assert!(program.wgsl.contains(&call), "no `{call}`");
         assert!(program.wgsl.contains(&format!("fn record_{function}(")), "{function}");
-        let same = |other: &DetectorKind| std::mem::discriminant(other) == std::mem::discriminant(&kind);
+        let same = |other: &DetectorKind| other.function() == kind.function();
         let row = variant.ir.detectors.iter().position(|detector| same(&detector.kind)).unwrap();
         assert_eq!(codes[row], f64::from(code), "{function}");
     }

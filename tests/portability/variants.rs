@@ -186,21 +186,30 @@ fn detector_position(kind: &DetectorKind) -> usize {
     match kind {
         DetectorKind::Irradiance(_) => 0,
         DetectorKind::Spectral(_) => 1,
-        DetectorKind::FarField(_) => 2,
+        DetectorKind::FarField(FarField { sphere: false, .. }) => 2,
+        DetectorKind::FarField(_) => 5,
         DetectorKind::RayDatabase(_) => 3,
-        DetectorKind::Apart(_) => 4,
+        DetectorKind::Apart(apart) => match *apart.of {
+            DetectorKind::FarField(FarField { sphere: true, .. }) => 6,
+            _ => 4,
+        },
     }
 }
 
 /// One detector of every kind.
 pub fn detectors() -> Vec<DetectorKind> {
-    let far_field = DetectorKind::FarField(FarField { num_theta: 9, num_phi: 18 });
+    let far_field = |sphere| DetectorKind::FarField(FarField { num_theta: 8, num_phi: 18, sphere });
+    let apart = |sphere| {
+        DetectorKind::Apart(Apart { of: Box::new(far_field(sphere)), wavelengths: vec![0.45, 0.55] })
+    };
     let kinds = vec![
         DetectorKind::Irradiance(grid(Splat::Hard)),
         DetectorKind::Spectral(Spectral { grid: grid(Splat::Hard), wavelength_edges: vec![0.4, 0.5, 0.6] }),
-        DetectorKind::FarField(FarField { num_theta: 9, num_phi: 18 }),
+        far_field(false),
         DetectorKind::RayDatabase(RayDatabase { width: 20.0, height: 30.0, max_rays: None }),
-        DetectorKind::Apart(Apart { of: Box::new(far_field), wavelengths: vec![0.45, 0.55] }),
+        apart(false),
+        far_field(true),
+        apart(true),
     ];
     assert!(kinds.iter().map(detector_position).eq(0..kinds.len()));
     kinds

@@ -58,7 +58,9 @@ fn coarse(name: &str, num: u32, splat: Option<Splat>) -> SceneIr {
                 (grid.num_pixels_x, grid.num_pixels_y) = (num, num);
                 grid.splat = splat.unwrap_or(grid.splat);
             }
-            DetectorKind::FarField(FarField { num_theta, num_phi }) => (*num_theta, *num_phi) = (num, num),
+            DetectorKind::FarField(FarField { num_theta, num_phi, .. }) => {
+                (*num_theta, *num_phi) = (num, num)
+            }
             DetectorKind::RayDatabase(_) | DetectorKind::Apart(_) => {}
         }
     }

@@ -1,7 +1,7 @@
 //! The requests of a session, as their headers have them.
 
 use crate::cli::trace::parse_record_paths;
-use crate::cli::trace_args::TraceArgs;
+use crate::cli::trace_args::{PhotometricArg, TraceArgs};
 use crate::error::{Error, Result};
 use crate::model::{SceneIr, Sequence};
 use crate::result::NewCoating;
@@ -42,6 +42,8 @@ pub(crate) struct TraceRequest {
     pub(crate) args: TraceArgs,
     /// Which paths are recorded.
     pub(crate) record_paths: RecordPaths,
+    /// Whether results are photometric.
+    pub(crate) photometric: PhotometricArg,
     /// Whether the scene's numbers are live; by default in short traces.
     pub(crate) live: Option<bool>,
     /// Names of numbers by which detectors' sums are differentiated.
@@ -168,6 +170,8 @@ struct Options {
     trace: TraceArgs,
     #[arg(long, value_parser = parse_record_paths)]
     record_paths: Option<RecordPaths>,
+    #[command(flatten)]
+    photometric: PhotometricArg,
 }
 
 impl Request {
@@ -199,7 +203,7 @@ impl Request {
 impl TraceRequest {
     fn of(header: Value, arrays: &[u8]) -> Result<Self> {
         let header: TraceHeader = read(header)?;
-        let Options { trace, record_paths } = options(&header.options)?;
+        let Options { trace, record_paths, photometric } = options(&header.options)?;
         Ok(TraceRequest {
             scene: text_of(header.scene),
             name: header.name,
@@ -207,6 +211,7 @@ impl TraceRequest {
             set: numbers(&header.set)?,
             args: trace,
             record_paths: record_paths.unwrap_or(RecordPaths::None),
+            photometric,
             live: header.live,
             gradient: header.gradient,
             gradient_errors: header.gradient_errors,

@@ -21,8 +21,10 @@ impl TraceRequest {
         if self.gradient.is_empty() {
             let start = Instant::now();
             let scene = Scene::with_numbers(&self.scene, &self.folder, &self.set);
-            let run = Run::new(scene.map_err(|error| self.named(error))?)?;
-            let run = run.change_model(|ir| self.args.override_sampling(ir))?;
+            let scene = scene.map_err(|error| self.named(error))?;
+            let says_lumens = scene.says_lumens();
+            let run = Run::new(scene)?.change_model(|ir| self.args.override_sampling(ir))?;
+            let run = self.photometric.set(run, says_lumens)?;
             let mut run = self.run(session, run)?.record_paths(self.record_paths);
             run.start = start;
             return Ok(run.go_with(|pass| Ok(next(&pass.status)))?.result);
@@ -81,7 +83,8 @@ impl TraceRequest {
     /// Refuses options that derivatives cannot heed. `what` the request has beside them.
     fn refuse_options_of_one_trace(&self, what: &str) -> Result<()> {
         let records = (self.record_paths != RecordPaths::None).then_some("record-paths");
-        match self.args.of_one_trace().or(records) {
+        let photometric = self.photometric.is_asked_for().then_some("photometric");
+        match self.args.of_one_trace().or(records).or(photometric) {
             Some(name) => Err(Error::Usage(format!(
                 "options.{} and {what} do not go together; give one of them up",
                 name.replace('-', "_")

@@ -4,7 +4,7 @@
 //! (`result::wavelengths_apart`). Sums of quanta over wavelengths are those of the detector in whose place they are, to the bit.
 
 use crate::model::detectors::grid::{ArrivalError, GridRow, PixelGrid};
-use crate::model::detectors::{Detection, DetectorFunction, DetectorKind, DetectorWgsl, Records};
+use crate::model::detectors::{Detection, DetectorFunction, DetectorKind, DetectorWgsl, FarField, Records};
 use crate::model::shapes::Outline;
 use crate::shaders::shader;
 
@@ -12,6 +12,13 @@ use crate::shaders::shader;
 pub const APART_FAR_FIELD: DetectorWgsl = DetectorWgsl {
     name: "far_field_apart",
     file: shader!("detectors/far_field_apart.wgsl"),
+    records: Records::Bins,
+};
+
+/// The function of a far field over the sphere.
+pub const APART_SPHERE: DetectorWgsl = DetectorWgsl {
+    name: "far_field_sphere_apart",
+    file: shader!("detectors/far_field_sphere_apart.wgsl"),
     records: Records::Bins,
 };
 
@@ -43,9 +50,10 @@ impl Apart {
 
 impl Detection for Apart {
     fn function(&self) -> DetectorFunction {
-        match self.of.grid() {
-            Some(_) => DetectorFunction::Spectral,
-            None => DetectorFunction::ApartFarField,
+        match *self.of {
+            DetectorKind::FarField(FarField { sphere: false, .. }) => DetectorFunction::ApartFarField,
+            DetectorKind::FarField(_) => DetectorFunction::ApartSphere,
+            _ => DetectorFunction::Spectral,
         }
     }
 

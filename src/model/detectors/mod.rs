@@ -33,12 +33,12 @@ kinds! {
     /// Flux over pixels and wavelengths.
     Spectral(spectral::Spectral) by Spectral = SPECTRAL;
     /// Flux over directions.
-    FarField(far_field::FarField) by FarField = FAR_FIELD;
+    FarField(far_field::FarField) by FarField = FAR_FIELD, FarFieldSphere(5) = FAR_FIELD_SPHERE;
     /// Every ray.
-    RayDatabase(ray_database::RayDatabase) by RayDatabase = RAY_DATABASE;
+    RayDatabase(ray_database::RayDatabase) by RayDatabase(3) = RAY_DATABASE;
     unwritten {
         /// Light of each wavelength kept apart.
-        Apart(apart::Apart) by ApartFarField = APART_FAR_FIELD;
+        Apart(apart::Apart) by ApartFarField = APART_FAR_FIELD, ApartSphere(6) = APART_SPHERE;
     }
 }
 

@@ -2,8 +2,7 @@
 //! one.
 
 use crate::error::{Error, Result};
-use crate::model::Precision;
-use crate::model::SourceFunction;
+use crate::model::{DetectorFunction, Precision, SourceFunction};
 use crate::program::addition::ShaderAdditions;
 use crate::program::features::Features;
 use crate::program::layout::tables::ReachedMarks;
@@ -157,7 +156,7 @@ const SLOTS: &[Slot] = slots! { c;
 
 impl Case<'_> {
     /// Files that have no twin, and when a scene takes them.
-    fn single(&self, additions: &ShaderAdditions) -> [(bool, ShaderFile); 8] {
+    fn single(&self, additions: &ShaderAdditions) -> [(bool, ShaderFile); 9] {
         let (f, o) = (self.f, self.o);
         [
             (!f.splits, shader!("stages/intersect.wgsl")),
@@ -166,7 +165,8 @@ impl Case<'_> {
             (f.has_tables(), shader!("optics/tables.wgsl")),
             (self.all.has_trees(), shader!("geometry/boxes.wgsl")),
             (f.reads_bins(), shader!("detectors/bins.wgsl")),
-            (f.has_far_fields_apart_alone(), shader!("detectors/far_field.wgsl")),
+            (f.borrows(DetectorFunction::FarField), DetectorFunction::FarField.wgsl().file),
+            (f.borrows(DetectorFunction::FarFieldSphere), DetectorFunction::FarFieldSphere.wgsl().file),
             (o.has_events(f) || additions.rows_per_ray(o.max_depth) > 0, shader!("rows/events.wgsl")),
         ]
     }

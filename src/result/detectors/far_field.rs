@@ -11,9 +11,6 @@ use crate::result::tally::map_lit;
 use ndarray::{Array1, Array2};
 use std::path::Path;
 
-/// Largest polar angle \[deg\]: both hemispheres are folded into one.
-pub const THETA_MAX: f64 = 90.0;
-
 /// Intensity over directions in the detector's frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FarFieldPattern {
@@ -31,23 +28,29 @@ pub struct FarFieldPattern {
 }
 
 impl FarFieldPattern {
-    pub(crate) fn new(FarField { num_theta, num_phi }: &FarField, sums: &Sums<'_>) -> Result<Self> {
+    pub(crate) fn new(kind: &FarField, sums: &Sums<'_>) -> Result<Self> {
         let Sums { cells, unit, uncertainty, .. } = *sums;
-        let (rows, columns) = (*num_theta as usize, *num_phi as usize);
-        let theta = bin_centres(0.0, THETA_MAX, rows);
-        let solid_angle = solid_angles(rows, columns);
-        let size = |cell: usize| solid_angle[cell / columns];
+        let (rows, columns) = (kind.num_theta as usize, kind.num_phi as usize);
+        let reach = if kind.sphere { 180.0 } else { 90.0 };
+        let solid_angle = solid_angles(rows, columns, reach);
+        // Both hemispheres are summed from their own axis on.
+        let rows_of_one = if kind.sphere { rows / 2 } else { rows };
+        let size = |cell: usize| solid_angle[cell / columns % rows_of_one];
         let intensity = map_lit(&cells.quanta, |cell, quanta| unit.watts(quanta) / size(cell));
+        let errors = uncertainty.of_cells(cells, size).map(|errors| kind.by_polar_angle(errors));
+        let hits = map_lit(&cells.hits, |_, hits| hits);
         Ok(FarFieldPattern {
-            intensity: shaped((rows, columns), intensity)?,
-            theta,
+            intensity: shaped((rows, columns), kind.by_polar_angle(intensity))?,
+            theta: bin_centres(0.0, reach, rows),
             phi: bin_centres(-180.0, 180.0, columns),
-            hits: shaped((rows, columns), map_lit(&cells.hits, |_, hits| hits))?,
-            standard_error: uncertainty
-                .of_cells(cells, size)
-                .map(|errors| shaped((rows, columns), errors))
-                .transpose()?,
+            hits: shaped((rows, columns), kind.by_polar_angle(hits))?,
+            standard_error: errors.map(|errors| shaped((rows, columns), errors)).transpose()?,
         })
+    }
+
+    /// The largest polar angle \[deg\]: 90, with both hemispheres folded into one, or 180.
+    pub fn reach(&self) -> f64 {
+        if self.theta.last().is_some_and(|last| *last > 90.0) { 180.0 } else { 90.0 }
     }
 
     pub(crate) fn read(mut stored: Stored) -> Result<Self> {
@@ -76,10 +79,10 @@ impl DetectorResult for FarFieldPattern {
             values: self.intensity.view().into_dyn(),
             errors: self.standard_error.as_ref().map(|errors| errors.view().into_dyn()),
             hits: self.hits.view().into_dyn(),
-            sizes: solid_angles(rows, columns).to_vec(),
+            sizes: solid_angles(rows, columns, self.reach()).to_vec(),
             are_alike: false,
             x: Span { label: ("azimuth φ", "°"), range: (-180.0, 180.0) },
-            y: Span { label: ("polar angle θ", "°"), range: (0.0, THETA_MAX) },
+            y: Span { label: ("polar angle θ", "°"), range: (0.0, self.reach()) },
             quantity: ("Intensity", "W/sr"),
         })
     }
@@ -110,10 +113,10 @@ impl DetectorResult for FarFieldPattern {
 }
 
 /// Optiland's: sin(theta centre) times the widths.
-fn solid_angles(rows: usize, columns: usize) -> Array1<f64> {
+fn solid_angles(rows: usize, columns: usize, reach: f64) -> Array1<f64> {
     // A file of no bins has no second edge.
     let width = |edges: Vec<f64>| edges.windows(2).next().map_or(0.0, |bin| (bin[1] - bin[0]).to_radians());
-    let d_theta = width(bin_edges(0.0, THETA_MAX, rows));
+    let d_theta = width(bin_edges(0.0, reach, rows));
     let d_phi = width(bin_edges(-180.0, 180.0, columns));
-    bin_centres(0.0, THETA_MAX, rows).mapv(|centre| centre.to_radians().sin() * d_theta * d_phi)
+    bin_centres(0.0, reach, rows).mapv(|centre| centre.to_radians().sin() * d_theta * d_phi)
 }

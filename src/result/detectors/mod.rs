@@ -16,6 +16,7 @@ pub use crate::result::detectors::spectral::SpectralMap;
 
 use crate::error::{Error, Result};
 use crate::model::{self, DetectorFunction, DetectorKind};
+use crate::result::luminous::Luminous;
 use crate::result::npz::ArrayWriter;
 pub(crate) use crate::result::png::figures::Span;
 use crate::result::png::figures::{Drawn, Head};
@@ -183,6 +184,14 @@ impl<'a> CellMap<'a> {
             y: span("y", height),
             quantity: ("Irradiance", "W/mm²"),
         }
+    }
+
+    /// The same cells with what the eye saw in them.
+    pub(crate) fn in_units_of(self, seen: &'a Luminous) -> Self {
+        let quantity = seen.quantity();
+        let sizes = self.sizes.iter().map(|size| size / seen.per_size()).collect();
+        let (values, errors) = (seen.map.view(), seen.standard_error.as_ref().map(|errors| errors.view()));
+        CellMap { values, errors, sizes, are_alike: false, quantity, ..self }
     }
 
     /// Rows times columns. Wavelength bins do not count, as in Optiland's diagnostics.

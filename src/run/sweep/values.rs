@@ -1,6 +1,7 @@
 //! The values that a sweep gives to numbers: lists, and draws of tolerances.
 
 use crate::error::{Error, Result};
+use crate::random::Draw;
 use crate::scene::Scene;
 
 /// The distribution of a tolerance of size s.
@@ -86,7 +87,7 @@ pub fn samples(
             "--tolerance {name}={percent}%: `{name}` is 0, and no share of 0 is a tolerance; give a number"
         )));
     }
-    let mut draws = Draw(seed);
+    let mut draws = Draw::new(seed);
     let mut sample = || {
         let numbers = tolerances.iter().zip(&nominal).map(|(tolerance, nominal)| {
             let size = tolerance.size * if tolerance.relative { nominal.abs() } else { 1.0 };
@@ -100,29 +101,6 @@ pub fn samples(
     };
     let samples: Vec<_> = (0..num_samples).map(|_| sample()).collect();
     Ok(std::iter::once(names.into_iter().zip(nominal).collect()).chain(samples).collect())
-}
-
-/// Random numbers for tolerances: SplitMix64 (Steele, Lea, Flood: Fast splittable pseudorandom number generators, 2014).
-struct Draw(u64);
-
-impl Draw {
-    fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let bits = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        let bits = (bits ^ (bits >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        bits ^ (bits >> 31)
-    }
-
-    /// In (0, 1).
-    fn uniform(&mut self) -> f64 {
-        ((self.bits() >> 11) as f64 + 0.5) / (1_u64 << 53) as f64
-    }
-
-    /// Of mean 0 and variance 1 (Box and Muller).
-    fn normal(&mut self) -> f64 {
-        let radius = (-2.0 * self.uniform().ln()).sqrt();
-        radius * (std::f64::consts::TAU * self.uniform()).cos()
-    }
 }
 
 #[cfg(test)]
@@ -141,17 +119,5 @@ mod tests {
         assert_eq!(numbers(combinations(&set, true).unwrap()), [[1.0, 3.0], [2.0, 4.0]]);
         let other = [set[0].clone(), Axis { name: "b".into(), values: vec![1.0] }];
         assert!(combinations(&other, true).is_err());
-    }
-
-    #[test]
-    fn normal_draws_have_mean_0_and_variance_1() {
-        let mut draws = Draw(7);
-        let values: Vec<f64> = (0..20_000).map(|_| draws.normal()).collect();
-        let mean = values.iter().sum::<f64>() / values.len() as f64;
-        let variance = values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64;
-        // Four and a half standard errors.
-        assert!(
-            mean.abs() < 4.5 / 20_000_f64.sqrt() && (variance - 1.0).abs() < 4.5 * (2.0 / 20_000_f64).sqrt()
-        );
     }
 }

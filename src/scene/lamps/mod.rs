@@ -94,9 +94,26 @@ impl Lamp {
         flux(&radians(&self.polar_angles_deg), &radians(&self.azimuth_angles_deg), &self.intensity)
     }
 
+    /// Azimuths \[deg\] and intensities in the frame of a source: see [`azimuths_of`].
+    pub fn in_frame(&self) -> (Vec<f64>, Vec<Vec<f64>>) {
+        azimuths_of(&self.azimuth_angles_deg, &self.intensity)
+    }
+
     /// The value of a keyword, if the file has it.
     fn keyword(&self, key: &str) -> Option<&str> {
         self.keywords.iter().find(|(other, _)| other == key).map(|(_, value)| value.as_str())
+    }
+}
+
+/// Azimuths and their rows of planes C and theirs, or the other way round.
+///
+/// Planes C are counted counter-clockwise as seen from above a lamp that shines down (IES LM-63; so reads Radiance's `ies2rad`,
+/// with C90 at +y where light goes to -z). A source shines along its +z, from which azimuths run the other way: plane C
+/// lies at the azimuth 360 - C, and C90 at -y.
+pub fn azimuths_of(planes: &[f64], rows: &[Vec<f64>]) -> (Vec<f64>, Vec<Vec<f64>>) {
+    match planes {
+        [_] => (planes.to_vec(), rows.to_vec()),
+        _ => (planes.iter().rev().map(|angle| 360.0 - angle).collect(), rows.iter().rev().cloned().collect()),
     }
 }
 

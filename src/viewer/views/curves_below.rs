@@ -1,11 +1,11 @@
 //! The curves below a detector: values along the line, the spectrum, and the encircled energy.
 
 use crate::format::si_prefix;
-use crate::viewer::field::Field;
+use crate::result::figures::field::Field;
+use crate::result::figures::region::EncircledEnergy;
 use crate::viewer::line_profile::{Line, Sample, profile};
 use crate::viewer::model::Picture;
 use crate::viewer::plot::{Colors, Plot, PlotFrame, View};
-use crate::viewer::region::EncircledEnergy;
 use crate::viewer::spots::Spots;
 use crate::viewer::state::App;
 use crate::viewer::two_results::Scores;

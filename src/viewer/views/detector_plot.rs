@@ -1,12 +1,12 @@
 //! The plot of a detector: a map or a spot diagram, with the user's marks.
 
+use crate::result::figures::field::{CellGeometry, Field};
+use crate::result::figures::region::{Region, RegionOutline};
 use crate::result::picture::Rgb;
 use crate::result::picture::scale::{Palette, Scale};
 use crate::result::picture::ticks::ticks;
-use crate::viewer::field::{CellGeometry, Field};
 use crate::viewer::model::{Marks, Picture};
 use crate::viewer::plot::{self, Plot, PlotFrame, ShownPlot, View};
-use crate::viewer::region::{Region, RegionOutline};
 use crate::viewer::screen_pixels;
 use crate::viewer::settings::Tool;
 use crate::viewer::spots::Spots;

@@ -2,10 +2,10 @@
 
 use crate::format::{percent, significant, thousands};
 use crate::result::few_rays::ENOUGH_RAYS;
+use crate::result::figures::field::Labels;
+use crate::result::figures::region::{EncircledEnergy, RegionOutline, Statistics};
 use crate::result::{LedgerEntry, TraceResult};
-use crate::viewer::field::Labels;
 use crate::viewer::model::{Picture, RegionFigures, Subject};
-use crate::viewer::region::{EncircledEnergy, RegionOutline, Statistics};
 use crate::viewer::state::App;
 use crate::viewer::views::{quiet, row, table, title, value, with_error};
 use eframe::egui::{ScrollArea, Ui};

@@ -1,6 +1,7 @@
 //! Figures of a region of a map, or of rays.
 
-use crate::viewer::field::{Cell, CellGeometry, Field};
+use crate::result::figures::field::{Cell, CellGeometry, Field};
+use ndarray::Array2;
 use serde::{Deserialize, Serialize};
 
 /// A region of a plot. A cell belongs to the region if its middle does.
@@ -82,6 +83,23 @@ impl Region {
             RegionOutline::Rectangle => u.abs() <= 1.0 && v.abs() <= 1.0,
             RegionOutline::Ellipse => u * u + v * v <= 1.0,
         }
+    }
+
+    /// The directions within a cone about the axis of a far field that is shown as a disc.
+    pub fn cone(half_angle_deg: f64) -> Self {
+        Region { outline: RegionOutline::Ellipse, centre: (0.0, 0.0), half: (half_angle_deg, half_angle_deg) }
+    }
+
+    /// Which share of each cell lies within, to 1/64.
+    pub fn shares(&self, field: &Field) -> Array2<f64> {
+        const STEPS: usize = 8;
+        let within = |step: usize| (step as f64 + 0.5) / STEPS as f64;
+        Array2::from_shape_fn(field.dim(), |cell| {
+            let points =
+                (0..STEPS).flat_map(|down| (0..STEPS).map(move |along| (within(down), within(along))));
+            let inside = points.filter(|point| self.contains(field.place(cell, *point))).count();
+            inside as f64 / (STEPS * STEPS) as f64
+        })
     }
 
     /// The cells in the region. Only cells near it are tested, so that a small region on a large map can be dragged

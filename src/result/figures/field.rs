@@ -1,7 +1,7 @@
 //! What a map shows: values over a plane, for every kind of detector.
 
-use crate::result::SpectralMap;
 use crate::result::detectors::{CellMap, Span};
+use crate::result::{Detector, SpectralMap};
 use ndarray::{Array2, Axis, Ix2};
 
 /// How the cells of a field lie in the plane of a plot.
@@ -87,6 +87,19 @@ impl Field {
             measure: if map.are_alike { vec![area; rows] } else { map.sizes.clone() },
             values,
             hits,
+        })
+    }
+
+    /// The map of a detector, in photometric units if it was traced for them; none of one without rows and columns.
+    pub fn of_detector(detector: &Detector) -> Option<Field> {
+        let map = detector.data.result().map()?;
+        Field::of_map(&match &detector.luminous {
+            Some(seen) => map.in_units_of(seen),
+            None => map,
+        })
+        .map(|field| Field {
+            labels: Labels { flux: detector.luminous.as_ref().map_or("W", |_| "lm"), ..field.labels },
+            ..field
         })
     }
 
@@ -182,21 +195,86 @@ impl Field {
     }
 
     /// The middle of a cell, in the plot.
-    pub fn centre(&self, (row, column): Cell) -> (f64, f64) {
+    pub fn centre(&self, cell: Cell) -> (f64, f64) {
+        self.place(cell, (0.5, 0.5))
+    }
+
+    /// A place of a cell, in the plot: (0, 0) is its corner at the smallest row and column, and (1, 1) the one at the largest.
+    pub fn place(&self, (row, column): Cell, (down, along): (f64, f64)) -> (f64, f64) {
         let (rows, columns) = self.dim();
-        let middle = |index: usize, (low, high): (f64, f64), bins: usize| {
-            low + (high - low) * (index as f64 + 0.5) / bins as f64
-        };
+        let at = |index: f64, (low, high): (f64, f64), bins: usize| low + (high - low) * index / bins as f64;
+        let (row, column) = (row as f64 + down, column as f64 + along);
         match self.geometry {
-            CellGeometry::Rectangles => {
-                (middle(column, self.x_range, columns), middle(row, self.y_range, rows))
-            }
+            CellGeometry::Rectangles => (at(column, self.x_range, columns), at(row, self.y_range, rows)),
             CellGeometry::Polar => {
-                let theta = middle(row, (0.0, self.x_range.1), rows);
-                let (sin, cos) = middle(column, (-180.0, 180.0), columns).to_radians().sin_cos();
+                let theta = at(row, (0.0, self.x_range.1), rows);
+                let (sin, cos) = at(column, (-180.0, 180.0), columns).to_radians().sin_cos();
                 (theta * cos, theta * sin)
             }
         }
+    }
+
+    /// The same field in larger cells, of so many rows and columns each, which divide those of the field. The flux of cells is
+    /// kept. Errors are those of cells that are independent.
+    pub fn coarser(&self, by: usize) -> Field {
+        let (rows, columns) = self.dim();
+        let (num_rows, num_columns) = (rows / by, columns / by);
+        let block = |row: usize, column: usize| {
+            (row * by..(row + 1) * by)
+                .flat_map(move |row| (column * by..(column + 1) * by).map(move |column| (row, column)))
+        };
+        let measure: Vec<f64> =
+            self.measure.chunks_exact(by).map(|rows| rows.iter().sum::<f64>() * by as f64).collect();
+        let of_block = |sum: &dyn Fn(Cell) -> f64| {
+            Array2::from_shape_fn((num_rows, num_columns), |(row, column)| {
+                block(row, column).map(sum).sum::<f64>()
+            })
+        };
+        let mut values = of_block(&|cell| self.flux_of(cell));
+        let mut sigma =
+            of_block(&|cell| (self.known_error(cell) * self.measure[cell.0]).powi(2)).mapv(f64::sqrt);
+        for ((mut values, mut sigma), measure) in
+            values.outer_iter_mut().zip(sigma.outer_iter_mut()).zip(&measure)
+        {
+            values /= *measure;
+            sigma /= *measure;
+        }
+        let hits = Array2::from_shape_fn((num_rows, num_columns), |(row, column)| {
+            block(row, column).map(|cell| self.hits[cell]).sum::<u64>()
+        });
+        Field { values, sigma, hits, measure, ..self.clone() }
+    }
+
+    /// A far field in cells of about equal solid angle, shown in its own cells. In each ring as many neighbours share
+    /// their mean as have together at least the solid angle of the largest cell. So the light of the pole is not judged by
+    /// cells that a single ray fills.
+    pub fn of_equal_solid_angles(&self) -> Field {
+        let (rows, columns) = self.dim();
+        let largest = self.measure.iter().copied().fold(0.0, f64::max);
+        let mut field = self.clone();
+        for row in 0..rows {
+            let share = self.measure[row] / largest;
+            // The least divisor that is enough. Rounding must not double a cell of the full size.
+            let is_enough = |num: &usize| columns.is_multiple_of(*num) && *num as f64 * share >= 1.0 - 1e-9;
+            let together = (1..=columns).find(is_enough).unwrap_or(columns);
+            for first in (0..columns).step_by(together) {
+                let group = || (first..first + together).map(|column| (row, column));
+                let num = together as f64;
+                let mean = group().map(|cell| self.values[cell]).sum::<f64>() / num;
+                let error = group().map(|cell| self.known_error(cell).powi(2)).sum::<f64>().sqrt() / num;
+                for cell in group() {
+                    field.values[cell] = mean;
+                    field.sigma[cell] = error;
+                }
+            }
+        }
+        field
+    }
+
+    /// The standard error of a cell; 0 where none is known.
+    pub fn known_error(&self, cell: Cell) -> f64 {
+        let error = self.sigma[cell];
+        if error.is_finite() { error } else { 0.0 }
     }
 
     /// A length that resolves every cell.

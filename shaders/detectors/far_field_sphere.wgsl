@@ -1,0 +1,10 @@
+// Far field over the sphere: a far field of the directions forwards, and behind it one of those backwards, whose polar angle is
+// counted from the backward axis.
+
+fn record_far_field_sphere(ray: Ray, detector: Detector, ends: bool) {
+    var own = detector;
+    if to_detector(detector, ray.direction).z < 0.0 {
+        own.cell += detector.num_x * detector.num_y;
+    }
+    record_far_field(ray, own, ends);
+}
