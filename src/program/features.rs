@@ -162,10 +162,12 @@ impl Features {
     /// True if some detector calls the function of another one, which no detector has.
     pub fn borrows(&self, function: DetectorFunction) -> bool {
         use DetectorFunction::{ApartFarField, ApartSphere, FarField, FarFieldSphere};
-        let borrowers: &[DetectorFunction] = match function {
-            FarField => &[FarFieldSphere, ApartFarField, ApartSphere],
-            FarFieldSphere => &[ApartSphere],
-            _ => &[],
+        let borrowers: &[DetectorFunction] = if function == FarField {
+            &[FarFieldSphere, ApartFarField, ApartSphere]
+        } else if function == FarFieldSphere {
+            &[ApartSphere]
+        } else {
+            &[]
         };
         !self.detectors.contains(&function) && borrowers.iter().any(|other| self.detectors.contains(other))
     }

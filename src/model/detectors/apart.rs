@@ -4,7 +4,7 @@
 //! (`result::wavelengths_apart`). Sums of quanta over wavelengths are those of the detector in whose place they are, to the bit.
 
 use crate::model::detectors::grid::{ArrivalError, GridRow, PixelGrid};
-use crate::model::detectors::{Detection, DetectorFunction, DetectorKind, DetectorWgsl, FarField, Records};
+use crate::model::detectors::{Detection, DetectorFunction, DetectorKind, DetectorWgsl, Records};
 use crate::model::shapes::Outline;
 use crate::shaders::shader;
 
@@ -50,11 +50,8 @@ impl Apart {
 
 impl Detection for Apart {
     fn function(&self) -> DetectorFunction {
-        match *self.of {
-            DetectorKind::FarField(FarField { sphere: false, .. }) => DetectorFunction::ApartFarField,
-            DetectorKind::FarField(_) => DetectorFunction::ApartSphere,
-            _ => DetectorFunction::Spectral,
-        }
+        let DetectorKind::FarField(far_field) = &*self.of else { return DetectorFunction::Spectral };
+        if far_field.sphere { DetectorFunction::ApartSphere } else { DetectorFunction::ApartFarField }
     }
 
     fn outline(&self) -> Outline {
