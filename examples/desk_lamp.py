@@ -14,8 +14,8 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from optiland.coordinate_system import CoordinateSystem
-from optiland.nonsequential import NSQScene, to_photometric
-from optiland.nonsequential.detectors.configs import SpectralDetectorConfig
+from optiland.nonsequential import NSQScene
+from optiland.nonsequential.detectors.configs import IrradianceDetectorConfig
 from optiland.nonsequential.sources.base import Spectrum
 from optiland.nonsequential.sources.configs import ExtendedSourceConfig
 
@@ -29,25 +29,25 @@ white = Spectrum(np.array([0.45, 0.50, 0.54, 0.58, 0.62]), np.array([0.25, 0.15,
 scene = NSQScene()
 scene.add_source("lamp", CoordinateSystem(),
                  ExtendedSourceConfig(white, total_flux_lumens=LUMENS, aperture_radius=RADIUS))
-# Bins of 10 nm, whose middles are the wavelengths of the lamp: 0.40, 0.41, ... um.
-scene.add_detector("desk", CoordinateSystem(z=HEIGHT), SpectralDetectorConfig(
-    width=1600.0, height=800.0, num_pixels_x=64, num_pixels_y=32, wl_min=0.395, wl_max=0.705, num_bins=31))
+scene.add_detector("desk", CoordinateSystem(z=HEIGHT), IrradianceDetectorConfig(
+    width=1600.0, height=800.0, num_pixels_x=64, num_pixels_y=32))
 
-result = scene.trace(2**24, seed=0, backend=NsqGpuBackend(sampler="sobol"))
-light = to_photometric(result.detectors["desk"])
+result = scene.trace(2**24, seed=0, backend=NsqGpuBackend(photometric=True, sampler="sobol", standard_error=True))
+desk = result.detectors["desk"]
 
-below = light.data[15:17, 31:33].mean()
-corner = light.data[0, 0]
+below = desk.illuminance[15:17, 31:33].mean()
+error = np.sqrt((desk.illuminance_standard_error[15:17, 31:33] ** 2).sum()) / 4.0
+even = result.figures("desk", cells=(16, 8))["desk"].whole["min_over_mean"]
 formula = LUMENS / (math.pi * (HEIGHT**2 + RADIUS**2) * 1e-6)
-print(f"on the desk:    {light.total:6.1f} lm of {LUMENS:.0f} lm")
-print(f"below the lamp: {below:6.1f} lx; of a Lambertian disk: {formula:.1f} lx")
-print(f"at the corner:  {corner:6.1f} lx")
+print(f"on the desk:     {desk.luminous_flux:.2f} +- {desk.luminous_flux_standard_error:.2f} lm of {LUMENS:.0f} lm")
+print(f"below the lamp:  {below:.1f} +- {error:.1f} lx; of a Lambertian disk: {formula:.1f} lx")
+print(f"at the corner:   {desk.illuminance[0, 0]:.1f} +- {desk.illuminance_standard_error[0, 0]:.1f} lx")
+print(f"least over mean: {even.value:.3f} +- {even.standard_error:.3f}")
 print(f"wanted: {WANTED:.0f} lx, so a lamp of {LUMENS * WANTED / below:.0f} lm")
 
 figure, axes = plt.subplots(figsize=(6.4, 3.4), layout="constrained")
-image = axes.imshow(light.data, origin="lower", extent=(-800, 800, -400, 400), vmin=0, cmap="inferno")
-lines = axes.contour(light.x_coords, light.y_coords, light.data, [150, 200, 250, 300], colors="white", linewidths=0.8)
+result.plot("desk", ax=axes, cmap="inferno")
+lines = axes.contour(desk.x_coords, desk.y_coords, desk.illuminance, [150, 200, 250, 300], colors="white", linewidths=0.8)
 axes.clabel(lines, fmt="%d lx")
-figure.colorbar(image, label="illuminance [lx]")
-axes.set(xlabel="x [mm]", ylabel="y [mm]", title="A lamp of 1,000 lm, 1 m above a desk")
+axes.set_title("A lamp of 1,000 lm, 1 m above a desk")
 figure.savefig(sys.argv[1] if len(sys.argv) > 1 else "desk_lamp.png", dpi=120)

@@ -42,6 +42,8 @@ MOST_SESSION_RAYS = 1_000_000
 _SEEDS = 1 << 64
 #: Optiland's largest number of events of a ray, where nobody gives one.
 OPTILANDS_DEPTH = 16
+#: Options of a trace that its gradient does not take.
+_FORWARDS_ALONE = ("standard_error", "record_paths", "paths", "guide", "photometric")
 
 
 class NsqGpuBackend(TracerBackend):
@@ -86,6 +88,9 @@ class NsqGpuBackend(TracerBackend):
         guide: True guides rays to rare light, such as the ghosts of coated lenses: that of ``where``, or else of all detectors.
             A pilot learns how, and weights make up for it: all sums stay right on average. Where nobody asks for more than 16
             events, a ray has 4 for each face. Gradients take plain rays.
+        photometric: True says results in lumens, lux and candela as well, for any spectrum, and False does not. None does where
+            a source says its flux in lumens, or its intensity in candela. Watts are the same. Pixels then take memory for each
+            wavelength.
 
     Raises:
         UsageError: There is no such precision or sampler. A trace raises it where ``where`` makes no sense in the scene.
@@ -97,14 +102,15 @@ class NsqGpuBackend(TracerBackend):
                  time_limit: float | None = None, standard_error: bool | None = None,
                  sampler: str = "pcg", max_depth: int | None = None, paths: bool = False,
                  where: str | None = None, gradient: str | None = "interior", backward_seed: int | None = None,
-                 check_edges: bool = True, guide: bool = False) -> None:
+                 check_edges: bool = True, guide: bool = False, photometric: bool | None = None) -> None:
         for name, given, known in (("precision", precision, PRECISIONS), ("sampler", sampler, SAMPLERS)):
             if given not in known:
                 raise UsageError(f"{name} is {given!r}; give one of {', '.join(known)}")
         if isinstance(seed, str | type):
             raise wrong_kind("seed", seed, "give a whole number")
-        if standard_error not in (None, True, False):
-            raise UsageError(f"standard_error is {standard_error!r}; give True, False or None")
+        for name, switch in (("standard_error", standard_error), ("photometric", photometric)):
+            if switch not in (None, True, False):
+                raise UsageError(f"{name} is {switch!r}; give True, False or None")
         if paths not in (True, False):
             raise UsageError(f"paths is {paths!r}; give True or False")
         if guide not in (True, False):
@@ -125,6 +131,7 @@ class NsqGpuBackend(TracerBackend):
         self.paths = paths
         self.where = where
         self.guide = guide
+        self.photometric = photometric
         if gradient not in ("interior", None):
             raise UsageError(f"gradient is {gradient!r}; give 'interior' or None")
         self.gradient = gradient
@@ -214,6 +221,8 @@ class NsqGpuBackend(TracerBackend):
             options["target_error"] = target if isinstance(target, str) else float(target)
         if self.standard_error is not None:
             options["standard_error"] = "on" if self.standard_error else "off"
+        if self.photometric is not None:
+            options["photometric"] = "on" if self.photometric else "off"
         if self.time_limit is not None:
             options["time_limit"] = f"{float(self.time_limit)}s"
         if self.paths:
@@ -251,7 +260,7 @@ class NsqGpuBackend(TracerBackend):
         """Return what puts the scene's maps on the graph of its tensors."""
         from nsq_gpu.autograd import Traced, attach, smooth_detectors
 
-        options = {name: value for name, value in options.items() if name not in ("standard_error", "record_paths", "paths", "guide")}
+        options = {name: value for name, value in options.items() if name not in _FORWARDS_ALONE}
         if self.backward_seed is not None:
             options["seed"] = whole_number("backward_seed", self.backward_seed) % _SEEDS
         are_named = not all_want_gradients()

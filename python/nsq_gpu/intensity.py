@@ -27,11 +27,11 @@ _ENDS = (90.0, 180.0, 360.0)
 
 
 class IntensityTable:
-    """Intensity over the polar angle gamma and the azimuth C, linear in each of them between the table's angles.
+    """Intensity over the polar angle gamma and the azimuth, linear in each of them between the table's angles.
 
-    Gamma is 0 along +z; C is 0 towards +x, and 90 towards +y. Outside the polar angles the intensity is 0. A table of the
-    azimuth 0 alone is one of revolution. A table to 180 is mirrored: I(C) = I(360 - C). One to 90 is so too, and
-    I(C) = I(180 - C).
+    Gamma is 0 along +z; the azimuth is 0 towards +x, and 90 towards +y. Outside the polar angles the intensity is 0. A table
+    of the azimuth 0 alone is one of revolution. A table to 180 is mirrored: I(a) = I(360 - a). One to 90 is so too, and
+    I(a) = I(180 - a).
 
     Args:
         polar_angles_deg: Polar angles [deg], two or more, rising within 0 to 180.

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from nsq_gpu import photometry
 from nsq_gpu.arguments import missing
 from nsq_gpu.units import identifiers
 
@@ -90,6 +91,10 @@ def of_result(result: Result) -> Any:
         variables[plain] = (list(found), arrays[key], {"units": unit, "total_flux_W": entries[name]["total_flux"]})
         if "standard_error" in arrays:
             variables[f"{plain}_standard_error"] = (list(found), arrays["standard_error"], {"units": unit})
+        seen, unit = photometry.MAPS.get(kind, ("", ""))
+        for key in (seen, f"{seen}_standard_error"):
+            if key in arrays:
+                variables[f"{plain}_{key}"] = (list(found), arrays[key], {"units": unit})
     about = {key: result.report_json[key] for key in ("version", "seed", "precision", "sampler", "max_depth", "adapter")}
     return library.Dataset(variables, coordinates, about | {"num_rays": result.num_rays_total, "partial": int(result.partial)})
 
@@ -104,4 +109,9 @@ def detector_table(result: Result) -> Any:
     columns = {"detector": list(entries), "kind": column("kind"), "flux": column("total_flux"),
                "standard_error": column("total_flux_standard_error"), "num_rays_hit": column("num_rays_hit"),
                "rests_on": column("rests_on"), "upper_bound_95": column("upper_bound_95")}
-    return table(columns, {"flux": "W", "standard_error": "W", "upper_bound_95": "W"})
+    if result.report_json.get("photometry"):
+        for key in ("luminous_flux", "luminous_flux_standard_error"):
+            found = [getattr(result.detectors[name], key) for name in entries]
+            columns[key] = [np.nan if value is None else value for value in found]
+    return table(columns, {"flux": "W", "standard_error": "W", "upper_bound_95": "W", "luminous_flux": "lm",
+                           "luminous_flux_standard_error": "lm"})

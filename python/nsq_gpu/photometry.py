@@ -16,6 +16,11 @@ PEAK = 683.002
 #: A spectrum whose efficacy is a smaller part of the peak has no visible light.
 _LEAST = 1e-6
 
+#: Photometric maps of a kind of detectors: their array, and its unit.
+MAPS = {"irradiance": ("illuminance", "lx"), "far_field": ("luminous_intensity", "cd")}
+#: Arrays of a photometric detector; each has a standard error, where errors are known.
+ARRAYS = ("illuminance", "luminous_intensity", "luminous_flux")
+
 #: Wavelengths of the table, 0.380 to 0.780 in steps of 0.001 [um], and the eye's response there: y-bar of CIE 1931.
 _WAVELENGTHS = np.asarray(WAVELENGTHS_STD, dtype=np.float64) / 1000.0
 _RESPONSE = np.asarray([y for _, y, _ in CIE_1931_2DEG], dtype=np.float64)

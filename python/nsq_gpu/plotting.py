@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from nsq_gpu import photometry
 from nsq_gpu.errors import UsageError
 
 if TYPE_CHECKING:
@@ -16,42 +19,71 @@ if TYPE_CHECKING:
 #: Most decades of a logarithmic scale.
 _DECADES = 6
 _PREFIXES = {"p": 1e-12, "n": 1e-9, "u": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}
-#: How much of a result's unit a unit is, and that unit.
-_PER = {"mm2": (1.0, "W/mm2"), "cm2": (1e-2, "W/mm2"), "m2": (1e-6, "W/mm2"), "sr": (1.0, "W/sr")}
+#: How much of a result's unit a unit is, and that unit. A foot-candle is a lumen per square foot.
+_OF = {"W/mm2": (1.0, "W/mm2"), "W/cm2": (1e-2, "W/mm2"), "W/m2": (1e-6, "W/mm2"), "W/sr": (1.0, "W/sr"), "lx": (1.0, "lx"),
+       "fc": (0.3048**-2, "lx"), "cd": (1.0, "cd")}
 #: Sides that a circle is drawn with, at least.
 _PARTS = 180
 #: Kinds of detectors that have a picture, and the unit of their maps.
 _UNITS = {"irradiance": "W/mm2", "spectral": "W/mm2", "far_field": "W/sr"}
 
 
-def plot(result: Result, detector: str | None, *, scale: str, unit: str | None, wavelength: float | str | None, ax: Any,
-         **options: Any) -> Any:
+def plot(result: Result, detector: str | None, *, kind: str | None, scale: str, unit: str | None, wavelength: float | str | None,
+         smooth: bool, ax: Any, **options: Any) -> Any:
     """Draw what a detector saw; :meth:`nsq_gpu.results.Result.plot` says how."""
     name = _chosen(result, detector)
-    kind = result.report_json["detectors"][name]["kind"]
-    found = result.detectors[name]
+    entry, found = result.report_json["detectors"][name], result.detectors[name]
+    of_kind = entry["kind"]
     _check_scale(scale)
-    if wavelength is not None and kind != "spectral":
-        raise UsageError(f"wavelength is {wavelength!r}, and {name!r} has no wavelengths: it is of the kind {kind}")
-    if kind == "spectral" and wavelength is None:
+    _check_kind(kind, name, of_kind, scale)
+    if wavelength is not None and of_kind != "spectral":
+        raise UsageError(f"wavelength is {wavelength!r}, and {name!r} has no wavelengths: it is of the kind {of_kind}")
+    if of_kind == "spectral" and wavelength is None:
         if unit is not None:
             raise UsageError(f"unit is {unit!r}, and a spectrum is in W per bin; wavelength='all' draws the map of all light")
         ax = _axes(ax)
-        _draw_spectrum(ax, found, result.report_json["detectors"][name], scale, options)
+        _draw_spectrum(ax, found, entry, scale, options)
         title = f"{name}: {found.total_flux:.4g} W"
-    elif kind == "far_field":
-        scaled = _scaled(found.intensity, unit, kind, scale)
+    elif of_kind == "far_field":
+        values, base, flux = _seen(found, name, of_kind, unit, found.intensity)
+        values = in_equal_solid_angles(values, found.theta) if smooth else values
+        scaled = _scaled(values, unit, base, scale)
         ax = _axes(ax, projection="polar")
-        _draw_far_field(ax, found, *scaled, options)
-        title = f"{name}: {found.total_flux:.4g} W"
+        if kind == "polar":
+            _draw_planes_of(ax, found, *scaled[:2], options)
+        else:
+            _draw_far_field(ax, found, *scaled, options)
+        title = f"{name}: {flux or f'{found.total_flux:.4g} W'}"
     else:
         values, at = _slice(found, wavelength)
-        scaled = _scaled(values, unit, kind, scale)
+        values, base, flux = _seen(found, name, of_kind, unit, values)
+        scaled = _scaled(values, unit, base, scale)
         ax = _axes(ax)
-        _draw_map(ax, found, *scaled, options)
-        title = f"{name}{at}: {_flux(found, values):.4g} W"
+        _draw_map(ax, found, *scaled, "Illuminance" if base == "lx" else "Irradiance", options)
+        title = f"{name}{at}: {flux or f'{_flux(found, values):.4g} W'}"
     ax.set_title(title + (", stopped before the end" if result.partial else ""))
     return ax
+
+
+def _check_kind(kind: str | None, name: str, of_kind: str, scale: str) -> None:
+    if kind not in (None, "polar"):
+        raise UsageError(f"kind is {kind!r}; give 'polar', or None for the map")
+    if kind == "polar" and of_kind != "far_field":
+        raise UsageError(f"kind is 'polar', and {name!r} has no angles: it is of the kind {of_kind}, and no far field")
+    if kind == "polar" and scale != "linear":
+        raise UsageError(f"scale is {scale!r}, and a polar diagram is linear; leave scale out")
+
+
+def _seen(found: Any, name: str, kind: str, unit: str | None, values: np.ndarray) -> tuple[np.ndarray, str, str]:
+    """Return a map, its unit, and the flux for a title, empty for watts: lumens where these are known and none asks for watts."""
+    key, base = photometry.MAPS.get(kind, ("", ""))
+    seen = getattr(found, key, None)
+    asked = base if unit is None else _parsed(unit)[1]
+    if seen is None and unit is not None and asked == base:
+        raise UsageError(f"unit is {unit!r}, and lumens of {name!r} are not known; trace with photometric=True")
+    if seen is None or asked == _UNITS[kind]:
+        return values, _UNITS[kind], ""
+    return seen, base, f"{found.luminous_flux:.4g} lm"
 
 
 def _check_scale(scale: str) -> None:
@@ -90,11 +122,11 @@ def _axes(ax: Any, projection: str | None = None, what: str = "a far field") -> 
     return ax
 
 
-def _scaled(values: np.ndarray, unit: str | None, kind: str, scale: str) -> tuple[np.ndarray, str, Any]:
+def _scaled(values: np.ndarray, unit: str | None, base: str, scale: str) -> tuple[np.ndarray, str, Any]:
     """Return values in their unit, its name for people, and what maps them to colours."""
     from matplotlib.colors import LogNorm, Normalize
 
-    factor, label = _unit(unit, _UNITS[kind], float(values.max(initial=0.0)))
+    factor, label = _unit(unit, base, float(values.max(initial=0.0)))
     values = values / factor
     top = float(values.max(initial=0.0))
     if scale == "linear" or top <= 0.0:
@@ -108,13 +140,21 @@ def _unit(unit: str | None, base: str, top: float) -> tuple[float, str]:
     if unit is None:
         fitting = [prefix for prefix, factor in _PREFIXES.items() if factor <= top]
         unit = (fitting[-1] if fitting else "p" if top > 0.0 else "") + base
-    prefix, _, per = unit.replace("^", "").replace("²", "2").partition("W/")
-    if prefix not in _PREFIXES or per not in _PER:
-        raise UsageError(f"unit is {unit!r}; give W/mm2, W/cm2, W/m2 or W/sr, with a prefix such as in 'mW/cm2'")
-    factor, of = _PER[per]
+    factor, of, label = _parsed(unit)
     if of != base:
         raise UsageError(f"unit is {unit!r}, and the map is in {base}; give a unit such as {base!r}")
-    return _PREFIXES[prefix] * factor, f"{prefix.replace('u', 'µ')}W/{per.replace('2', '²')}"
+    return factor, label
+
+
+def _parsed(unit: str) -> tuple[float, str, str]:
+    """Return how much of a result's unit a unit is, that unit, and its own name for people."""
+    found = re.fullmatch(f"([{''.join(_PREFIXES)}]?)({'|'.join(_OF)})", unit.replace("^", "").replace("²", "2"))
+    if found is None:
+        raise UsageError(f"unit is {unit!r}; give W/mm2, W/cm2, W/m2 or W/sr, with a prefix such as in 'mW/cm2'; or lx, fc or cd, of "
+                         "a photometric trace")
+    prefix, plain = found.groups()
+    factor, of = _OF[plain]
+    return _PREFIXES[prefix] * factor, of, prefix.replace("u", "µ") + plain.replace("2", "²")
 
 
 def _slice(found: Any, wavelength: float | str | None) -> tuple[np.ndarray, str]:
@@ -140,12 +180,29 @@ def _flux(found: Any, values: np.ndarray) -> float:
     return float(values.sum()) * (right - left) * (high - low) / values.size
 
 
-def _draw_map(ax: Any, found: Any, values: np.ndarray, label: str, norm: Any, options: Any) -> None:
+def _draw_map(ax: Any, found: Any, values: np.ndarray, label: str, norm: Any, what: str, options: Any) -> None:
     extent = (*_edges(found.x_coords), *_edges(found.y_coords))
     image = ax.imshow(values, **{"origin": "lower", "extent": extent, "norm": norm, "interpolation": "nearest", **options})
-    ax.figure.colorbar(image, ax=ax, label=f"Irradiance [{label}]")
+    ax.figure.colorbar(image, ax=ax, label=f"{what} [{label}]")
     ax.set_xlabel("x [mm]")
     ax.set_ylabel("y [mm]")
+
+
+def in_equal_solid_angles(values: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    """Return a far field in cells of about equal solid angle, shown in its own cells, as ``nsq-gpu figures`` judges it.
+
+    In each ring so many neighbours share their mean as together have at least the solid angle of the largest cell: the least
+    divisor of the ring's cells that is enough. So single rays near the pole make no spikes.
+    """
+    num = values.shape[1]
+    sizes = -np.diff(np.cos(np.deg2rad(np.linspace(*_edges(theta), len(theta) + 1))))
+    divisors = [together for together in range(1, num + 1) if num % together == 0]
+    shown = np.empty_like(values)
+    for ring, row, share in zip(shown, values, sizes / sizes.max(), strict=True):
+        # Rounding must not double a cell of the full size.
+        together = next((count for count in divisors if count * share >= 1.0 - 1e-9), num)
+        ring[:] = row.reshape(-1, together).mean(axis=1).repeat(together)
+    return shown
 
 
 def _draw_far_field(ax: Any, found: Any, values: np.ndarray, label: str, norm: Any, options: Any) -> None:
@@ -181,16 +238,37 @@ def plot_lamp(table: IntensityTable, flux: float, unit: str, ax: Any, options: A
         options: Options of Matplotlib's ``plot``.
     """
     ax = _axes(ax, "polar", "a lamp")
-    polar = table.polar_angles_deg
+    _draw_planes(ax, table.polar_angles_deg, lambda gamma, azimuth: table.at(gamma, azimuth) * (flux / table.flux), unit,
+                 table.is_of_revolution, options)
+    ax.set_title(f"{flux:.4g} {'lm' if unit == 'cd' else 'W'}")
+    return ax
+
+
+def _draw_planes_of(ax: Any, found: Any, values: np.ndarray, unit: str, options: Any) -> None:
+    """Draw the polar diagram of a far field."""
+    def at(gamma: np.ndarray, azimuth: float) -> np.ndarray:
+        plane = [np.interp(azimuth, found.phi, ring, period=360.0) for ring in values]
+        # All planes meet at the pole.
+        return np.interp(gamma, [0.0, *found.theta], [values[0].mean(), *plane])
+
+    _draw_planes(ax, np.array([0.0, *found.theta, _edges(found.theta)[1]]), at, unit, len(found.phi) == 1, options)
+
+
+def _draw_planes(ax: Any, polar: np.ndarray, at: Callable[[np.ndarray, float], np.ndarray], unit: str, is_of_revolution: bool,
+                 options: Any) -> None:
+    """Draw a polar diagram of an intensity, linear between polar angles [deg], of which ``at`` takes angles and an azimuth [deg].
+
+    Plane C lies at the azimuth 360 - C.
+    """
     # Between angles of the table, intensity is no straight line in these axes.
     parts = max(int(np.ceil(_PARTS * (polar[-1] - polar[0]) / 180.0 / (len(polar) - 1))), 1)
     gamma = np.interp(np.arange(parts * (len(polar) - 1) + 1) / parts, np.arange(len(polar)), polar)
     # Outside the table there is no light.
     edges = np.concatenate([polar[:1] if polar[0] > 0.0 else [], gamma, polar[-1:] if polar[-1] < 180.0 else []])
     inside = np.concatenate([[0.0] if polar[0] > 0.0 else [], np.ones(len(gamma)), [0.0] if polar[-1] < 180.0 else []])
-    planes = ((0.0, "all planes", "-"),) if table.is_of_revolution else ((0.0, "C0–C180", "-"), (90.0, "C90–C270", "--"))
-    for plane, label, style in planes:
-        right, left = (table.at(edges, azimuth) * inside * (flux / table.flux) for azimuth in (plane, plane + 180.0))
+    planes = ((0.0, "all planes", "-"),) if is_of_revolution else ((0.0, "C0–C180", "-"), (270.0, "C90–C270", "--"))
+    for azimuth, label, style in planes:
+        right, left = (at(edges, of_side) * inside for of_side in (azimuth, (azimuth + 180.0) % 360.0))
         angles, values = np.concatenate([-edges[::-1], edges]), np.concatenate([left[::-1], right])
         ax.plot(np.deg2rad(angles), values, **{"label": label, "linestyle": style, **options})
     ax.set_theta_zero_location("S")
@@ -199,8 +277,6 @@ def plot_lamp(table: IntensityTable, flux: float, unit: str, ax: Any, options: A
     ax.set_rlim(bottom=0.0)
     ax.set_xlabel(f"Intensity [{unit}], gamma around")
     ax.legend(loc="upper right", bbox_to_anchor=(1.2, 1.1), fontsize="small")
-    ax.set_title(f"{flux:.4g} {'lm' if unit == 'cd' else 'W'}")
-    return ax
 
 
 def plot_ghosts(found: Ghosts, top: int | None, scale: str, unit: str | None, options: Any) -> Any:
@@ -213,7 +289,7 @@ def plot_ghosts(found: Ghosts, top: int | None, scale: str, unit: str | None, op
     places = [(i, j) for i, of_field in enumerate(found.fields) for j, known in enumerate(of_field.maps[:top]) if known is not None]
     if not places:
         raise UsageError("there is no ghost to draw; trace more rays: ghosts(..., num_rays=1_000_000)")
-    values, label, norm = _scaled(np.stack([found.fields[i].maps[j] for i, j in places]), unit, "irradiance", scale)
+    values, label, norm = _scaled(np.stack([found.fields[i].maps[j] for i, j in places]), unit, _UNITS["irradiance"], scale)
     shape = (len(found.fields), max(j for _, j in places) + 1)
     figure, axes = plt.subplots(*shape, figsize=(2.4 * shape[1] + 1.2, 2.7 * shape[0]), layout="constrained", sharex=True,
                                 sharey=True, squeeze=False)

@@ -6,7 +6,7 @@ import dataclasses
 import os
 import re
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -37,8 +37,10 @@ from nsq_gpu.errors import (
 from nsq_gpu.few_rays import FewRays, few_rays
 from nsq_gpu.integrity import load_arrays
 from nsq_gpu.paths import PathTable, path_table
+from nsq_gpu.photometry import ARRAYS
 
 if TYPE_CHECKING:
+    from nsq_gpu.figures import Figures
     from nsq_gpu.verifying import Verification
 
 Json = dict[str, Any]
@@ -132,27 +134,35 @@ class Result(Displayed, SimulationResult):
     #: The text of the scene that was traced, as a scene file has it; None where it is not known.
     scene_json: str | None = None
 
-    def plot(self, detector: str | None = None, *, scale: str = "linear", unit: str | None = None,
-             wavelength: float | str | None = None, ax: Any = None, **options: Any) -> Any:
+    def plot(self, detector: str | None = None, *, kind: str | None = None, scale: str = "linear", unit: str | None = None,
+             wavelength: float | str | None = None, smooth: bool = True, ax: Any = None, **options: Any) -> Any:
         """Draw what a detector saw: a map with its colour bar, a far field, or a spectrum.
+
+        Of a photometric trace, maps are in lx and far fields in cd.
 
         Args:
             detector: Its name; it may be left out where one alone has a map.
-            scale: ``"linear"``, or ``"log"``: over at most six decades below the largest value.
-            unit: Such as ``"mW/cm2"``; by default W/mm^2 or W/sr, with the prefix that fits.
+            kind: ``"polar"`` draws a far field as the polar diagram of a luminaire: planes C0-C180 and C90-C270, gamma 0 deg
+                downwards, C0 and C90 to the right. Plane C lies at the azimuth 360 - C of the detector's frame, as that of a
+                lamp's file does: C90 is phi = -90 deg, and C270 is phi = 90 deg. None draws the map.
+            scale: ``"linear"``, or ``"log"``: over at most six decades below the largest value. Polar diagrams are linear.
+            unit: Such as ``"mW/cm2"``, ``"klx"``, ``"cd"``, or ``"fc"``, which is 10.7639 lx. By default lx or cd where these
+                are known, else W/mm^2 or W/sr, with the prefix that fits.
             wavelength: Of a spectral detector the map at this wavelength [um], or of ``"all"`` light. None draws the spectrum.
+            smooth: A far field is drawn in cells of about equal solid angle. In each polar ring so many neighbours share their
+                mean as together have at least the solid angle of the largest cell. False draws each cell. Arrays stay as they are.
             ax: Matplotlib's axes; those of a far field are polar. None makes a figure.
-            options: Further options of ``imshow``, ``pcolormesh`` or ``stairs``, such as ``cmap="magma"``.
+            options: Further options of ``imshow``, ``pcolormesh``, ``stairs`` or ``plot``, such as ``cmap="magma"``.
 
         Returns:
             The axes.
 
         Raises:
-            UsageError: Several detectors have a map, or none of this name has; the message has the names.
+            UsageError: Several detectors have a map, or none of this name has; the message has the names. Or lumens are not known.
         """
         from nsq_gpu.plotting import plot
 
-        return plot(self, detector, scale=scale, unit=unit, wavelength=wavelength, ax=ax, **options)
+        return plot(self, detector, kind=kind, scale=scale, unit=unit, wavelength=wavelength, smooth=smooth, ax=ax, **options)
 
     def save(self, folder: str | os.PathLike[str], *, overwrite: bool = False) -> None:
         """Write the result into a folder, as ``nsq-gpu trace -o`` does; :func:`nsq_gpu.load` reads it back.
@@ -185,8 +195,53 @@ class Result(Displayed, SimulationResult):
             self.save(folder)
             return verify(folder, sample=sample, adapter=adapter, binary=binary)
 
+    def figures(self, detector: str | None = None, *, regions: Sequence[Sequence[float]] = (),
+                circles: Sequence[Sequence[float]] = (), cones: Sequence[float] = (), cells: Sequence[int] | None = None,
+                binary: str | None = None) -> Figures:
+        """Say how even, how wide and how strong the light is, with standard errors: ``nsq-gpu figures``.
+
+        >>> result.figures("desk")["desk"].whole["min_over_mean"].value
+
+        Args:
+            detector: Its name; None takes all that have a map in W/mm^2 or W/sr.
+            regions: Rectangles (x0, x1, y0, y1) of a detector [mm], which are judged as well.
+            circles: Circles (x, y, radius) of a detector [mm].
+            cones: Half angles of cones about the axis of a far field [deg].
+            cells: Columns and rows of cells over which figures are found, made of whole pixels. None takes the finest whose
+                errors are 1 % on average.
+            binary: Path of the program.
+
+        Raises:
+            UsageError: There is no such detector, or a region is none of its kind.
+        """
+        from nsq_gpu.figures import figures
+
+        return figures(self, detector, {"regions": regions, "circles": circles, "cones": cones}, cells, binary)
+
+    def export_lamp(self, path: str | os.PathLike[str], detector: str | None = None, *, forward: bool = False,
+                    overwrite: bool = False, binary: str | None = None) -> None:
+        """Write a far field in candela as the file of a lamp: IES LM-63 (.ies) or EULUMDAT (.ldt).
+
+        Intensities are those of cells of about equal solid angle. Plane C90 of the file is phi = -90 deg.
+
+        Args:
+            path: The file; its ending says which format.
+            detector: The far field; it may be left out where there is one alone.
+            forward: True says that no light comes from behind. The far fields of Optiland add that to the light forwards.
+            overwrite: True replaces a file that is there.
+            binary: Path of the program.
+
+        Raises:
+            UsageError: The trace was not photometric, the far field may hold light from behind, or a file is in the way.
+        """
+        from nsq_gpu.figures import export_lamp
+
+        export_lamp(self, path, detector, forward, overwrite, binary)
+
     def to_xarray(self) -> Any:
         """Return an ``xarray.Dataset`` of all maps, with units on coordinates: ``image`` and ``image_standard_error``.
+
+        Of a photometric trace it has ``image_illuminance`` [lx] or ``sky_luminous_intensity`` [cd] as well.
 
         Raises:
             MissingLibraryError: xarray is not installed (``pip install 'nsq-gpu[xarray]'``).
@@ -213,18 +268,27 @@ class Result(Displayed, SimulationResult):
         title = (f"Result: {self.num_rays_total:,} rays in {self.trace_time_sec:.3g} s, {report['precision']}, "
                  f"{report['adapter']}" + (", stopped before its end" if self.partial else ""))
         rows = []
+        lumens = (report.get("photometry") or {}).get("detectors")
         for name, entry in report["detectors"].items():
             error = error_of(entry["total_flux_standard_error"], entry.get("rests_on"), entry.get("upper_bound_95"))
-            rows.append([name, number(entry["total_flux"]), error, f"{entry['num_rays_hit']:,}", entry["kind"]])
+            seen = _in_lumens(lumens.get(name), entry) if lumens else []
+            rows.append([name, number(entry["total_flux"]), error, *seen, f"{entry['num_rays_hit']:,}", entry["kind"]])
+        blank = [""] * 2 if lumens else []
         for what, flux in (("launched", self.total_flux_in), ("absorbed", self.total_flux_absorbed),
                            ("bulk absorbed", self.total_flux_bulk_absorbed), ("escaped", self.total_flux_escaped),
                            ("lost", self.total_flux_lost)):
             if flux:
-                rows.append([what, number(flux), "", "", ""])
+                rows.append([what, number(flux), "", *blank, "", ""])
         warnings = self.diagnostics.warnings()
         notes = ["The ledger closes."] if self.diagnostics.ledger_closes else []
         notes += [f"{len(warnings)} warnings: see print(result.report())"] if warnings else []
-        return Summary(title, ["", "flux [W]", "error [W]", "rays", ""], rows, notes=notes)
+        of_lumens = ["flux [lm]", "error [lm]"] if lumens else []
+        return Summary(title, ["", "flux [W]", "error [W]", *of_lumens, "rays", ""], rows, notes=notes)
+
+
+def _in_lumens(seen: Json | None, entry: Json) -> list[str]:
+    """Return the lumens of a detector, and their standard error, as a table has them."""
+    return ["", ""] if seen is None else [number(seen["flux_lm"]), error_of(seen["flux_lm_standard_error"], entry.get("rests_on"))]
 
 
 #: Gives the arrays of a detector by its name, or with None those of the recorded paths.
@@ -320,10 +384,13 @@ def _fill_detector(live: Any, spec: Json, arrays: Any) -> None:
 
 
 def _add_errors(detector: Any, spec: Json, arrays: Any) -> None:
-    """Put the standard errors on a result, where Optiland's has no field for them."""
+    """Put standard errors, lux, candela and lumens on a result, where Optiland's has no field for them."""
     detector.total_flux_standard_error = spec["total_flux_standard_error"]
     detector.standard_error = arrays.get("standard_error")
     detector.few_rays = few_rays(spec)
+    for name in (key + suffix for key in ARRAYS for suffix in ("", "_standard_error")):
+        found = arrays.get(name)
+        setattr(detector, name, float(found) if found is not None and found.ndim == 0 else found)
 
 
 def _pixel_area(live: Any) -> float:

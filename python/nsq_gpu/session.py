@@ -137,7 +137,8 @@ class Session:
             timeout: Longest time of the trace [s].
             progress: As that of :class:`nsq_gpu.NsqGpuBackend`.
             options: Further options of ``nsq-gpu trace`` by their names, such as ``sampler="sobol"``,
-                ``standard_error=True``, ``record_paths=True``, ``paths=True``, ``where="reflections == 2"``.
+                ``standard_error=True``, ``record_paths=True``, ``paths=True``, ``where="reflections == 2"``,
+                ``photometric=True``.
 
         Raises:
             NsqGpuError: One of its subclasses, by what went wrong.

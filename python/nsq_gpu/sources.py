@@ -129,8 +129,9 @@ class PupilSource(CollimatedSource):
 class TabulatedSource(CollimatedSource):
     """A lamp whose intensity is a table over two angles, as files of lamps have it.
 
-    The polar angle gamma is 0 along the frame's +z. The azimuth C is 0 towards its +x, and 90 towards its +y. Intensity is linear
-    in both angles between those of the table, and 0 outside the polar ones. Rays follow it exactly, all with the same flux.
+    The polar angle gamma is 0 along the frame's +z. The azimuth is 0 towards its +x, and 90 towards its +y; plane C of a lamp's
+    file lies at the azimuth 360 - C. Intensity is linear in both angles between those of the table, and 0 outside the polar
+    ones. Rays follow it exactly, all with the same flux.
 
     Rays start at the origin; or uniformly within a rectangle, ``width`` and ``height``, or within a disk, ``radius``, at z = 0.
     Each place then has the same intensity.
@@ -143,7 +144,7 @@ class TabulatedSource(CollimatedSource):
         polar_angles_deg: Polar angles [deg], two or more, rising within 0 to 180.
         intensity: A row for each azimuth, with a number for each polar angle. Of a lamp of revolution, the row alone will do.
         azimuth_angles_deg: 0 alone for a lamp of revolution, or angles [deg] that rise from 0 to 90, 180 or 360. A table to 180
-            is mirrored: I(C) = I(360 - C). One to 90 is so too, and I(C) = I(180 - C). One to 360 has equal rows at its ends.
+            is mirrored: I(a) = I(360 - a). One to 90 is so too, and I(a) = I(180 - a). One to 360 has equal rows at its ends.
         intensity_units: ``"relative"``, with a flux; or ``"W/sr"`` or ``"cd"``, where the flux is the table's integral.
         total_flux: Flux [W], of a relative table.
         total_flux_lumens: Flux [lm], of a relative table; the spectrum says how many watts that is.
@@ -258,7 +259,8 @@ class TabulatedSource(CollimatedSource):
     def plot(self, *, ax: Any = None, **options: Any) -> Any:
         """Draw the polar diagram: gamma from 0 deg downwards, the planes C0-C180 and C90-C270, C0 and C90 to the right.
 
-        Intensity is in cd where the table or the flux is in lumens or candelas, else in W/sr.
+        Plane C lies at the azimuth 360 - C of the frame: C90 is towards -y, and C270 towards +y. Intensity is in cd where the
+        table or the flux is in lumens or candelas, else in W/sr.
 
         Args:
             ax: Polar axes of Matplotlib. None makes a figure.

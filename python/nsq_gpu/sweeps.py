@@ -58,6 +58,9 @@ class Sweep(Displayed):
     rests_on: dict[str, np.ndarray] = field(default_factory=dict)
     #: Upper bounds of detectors' fluxes [W], with 95 % confidence, where these rest on fewer than ten rays; NaN elsewhere.
     upper_bound_95: dict[str, np.ndarray] = field(default_factory=dict)
+    #: Detectors' lumens [lm] and their standard errors, of photometric traces.
+    luminous_flux: dict[str, np.ndarray] = field(default_factory=dict)
+    luminous_flux_standard_error: dict[str, np.ndarray] = field(default_factory=dict)
     #: True if the sweep was stopped. Points that were not traced have 0 rays, and their fluxes are NaN.
     partial: bool = False
     #: The kind of each detector with maps, and the coordinates along their axes; those in which points differ are missing.
@@ -192,7 +195,9 @@ class Sweep(Displayed):
         found: dict[str, tuple[np.ndarray, str]] = {}
         for name, plain in identifiers(self.flux).items():
             for what, arrays, unit in (("flux", self.flux, "W"), ("standard_error", self.standard_error, "W"),
-                                       ("rests_on", self.rests_on, "1"), ("upper_bound_95", self.upper_bound_95, "W")):
+                                       ("rests_on", self.rests_on, "1"), ("upper_bound_95", self.upper_bound_95, "W"),
+                                       ("luminous_flux", self.luminous_flux, "lm"),
+                                       ("luminous_flux_standard_error", self.luminous_flux_standard_error, "lm")):
                 if name in arrays:
                     found[f"{plain}_{what}"] = arrays[name], unit
         return found | {"num_rays": (self.num_rays, "1")}
@@ -294,6 +299,10 @@ def _with(found: Sweep, place: tuple[int, ...], answer: Any, keep_maps: bool) ->
             given = {axis: arrays[key] for axis, (key, _) in MAPS[kind].axes.items()}
             known = found.axes.get(name, (kind, given))[1]
             found.axes[name] = kind, {axis: values for axis, values in known.items() if np.array_equal(values, given[axis])}
+    for name, seen in (report.get("photometry") or {"detectors": {}})["detectors"].items():
+        error = seen["flux_lm_standard_error"]
+        put(found.luminous_flux, name, seen["flux_lm"])
+        put(found.luminous_flux_standard_error, name, np.nan if error is None else error)
     for name, key in TOTALS.items():
         # A detector may have the name of a total.
         put(found.flux, f"{name} (total)" if name in report["detectors"] else name, report[key])

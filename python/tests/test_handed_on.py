@@ -108,7 +108,7 @@ def test_the_pilot_of_a_cluster_hears_of_all_options(told: Callable[..., Any]) -
 
 
 REFUSED = {"target_error": "1%", "time_limit": "60s", "first_ray": 10, "of_rays": 100_000, "paths": "on", "standard_error": "on",
-           "record_paths": "all"}
+           "record_paths": "all", "photometric": "on"}
 
 
 @pytest.mark.parametrize("option", REFUSED)

@@ -614,9 +614,9 @@ def test_the_polar_diagram() -> None:
     axes = source.plot(linewidth=2)
     assert axes.name == "polar" and axes.get_theta_offset() == pytest.approx(1.5 * np.pi)
     assert [line.get_label() for line in axes.lines] == ["C0–C180", "C90–C270"]
-    for line, plane in zip(axes.lines, (0.0, 90.0), strict=True):
+    for line, plane in zip(axes.lines, (0.0, 270.0), strict=True):
         angles, shown = np.degrees(line.get_xdata()), line.get_ydata()
-        expected = source.table.at(np.abs(angles), np.where(angles >= 0.0, plane, plane + 180.0))
+        expected = source.table.at(np.abs(angles), np.where(angles >= 0.0, plane, (plane + 180.0) % 360.0))
         np.testing.assert_allclose(shown[1:-1], expected[1:-1], rtol=1e-12)
         assert shown[0] == shown[-1] == 0.0
         assert line.get_linewidth() == 2
