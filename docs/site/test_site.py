@@ -26,8 +26,9 @@ NOTHING_MOVES = """document.head.appendChild(document.createElement("style")).te
 DRAWN = "requestAnimationFrame(() => requestAnimationFrame(arguments[0]))"
 SEARCH_IS_OVER = "return / found|did not match/.test(document.querySelector('#search-results').textContent)"
 #: What users call things, and the page that must be among the first found: that of words, or one of its own.
-WORDS = dict.fromkeys(("lux", "candela", "PST", "AR coating", "black paint", "light pipe", "TIR", "inch"), "reference/words")
-WORDS |= {"tolerance": "how-to/tolerances", "candela": "how-to/illumination", "AR coating": "notebooks/coated_lens"}
+WORDS = dict.fromkeys(("PST", "black paint", "light pipe", "TIR", "inch"), "reference/words")
+WORDS |= dict.fromkeys(("lux", "candela", "uniformity", "beam angle"), "how-to/illumination")
+WORDS |= {"tolerance": "how-to/tolerances", "AR coating": "notebooks/coated_lens"}
 
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 in_a_browser = pytest.mark.skipif(not (CHROMIUM and DRIVER), reason="chromium and chromedriver are missing")
