@@ -102,6 +102,7 @@ const OPTIONS: &[(&str, Handed)] = &[
     // Pictures alone: tests/pictures.rs.
     ("scale", Elsewhere),
     ("unit", Elsewhere),
+    ("far-fields", Elsewhere),
     ("profile", Refused(&["--profile"], "--profile")),
     ("proof", Refused(&["--proof"], "--proof")),
     ("json", Elsewhere),

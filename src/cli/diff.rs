@@ -94,7 +94,7 @@ pub fn run(args: &Args) -> Result<String> {
     if args.watch_stdin {
         end_with_caller();
     }
-    let pictures = args.pictures.style(&ir_a)?;
+    let pictures = args.pictures.style(&ir_a, false)?;
     let pair = Pair::new(&ir_a, ir_b)?;
     if let Some(dir) = &args.output {
         let names = ir_a.detectors.iter().map(|detector| detector.name.as_str());

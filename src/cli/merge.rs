@@ -62,7 +62,7 @@ pub fn run(args: &Args) -> Result<String> {
         return Err(Error::Usage("--photometric: the results were traced without it".into()));
     }
     check(&args.results, &parts, &ir)?;
-    let pictures = args.pictures.style(&ir)?;
+    let pictures = args.pictures.style(&ir, is_photometric || wavelengths_apart::is_apart(&ir))?;
     if let Some(dir) = &args.output {
         let real = |path: &Path| path.canonicalize().ok();
         let is_input = |result: &&PathBuf| {

@@ -143,7 +143,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         )));
     }
     let mut listing = args.table_options(&ir)?;
-    let pictures = args.pictures.style(&ir)?;
+    let pictures = args.pictures.style(&ir, false)?;
     // A map has the coatings of the trace.
     let num_written = if listing.recoating.is_empty() { MOST_WRITTEN } else { 0 };
     if let Some(dir) = &args.output {

@@ -131,7 +131,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         end_with_caller();
     }
     args.trace.override_sampling(&mut ir)?;
-    let pictures = args.pictures.style(&ir)?;
+    let pictures = args.pictures.style(&ir, args.photometric.is_on(scene.says_lumens()))?;
     let mut run = Run::of(&scene, &ir).named(args.scene.display()).messages(&say);
     run.start = start;
     run = args.photometric.set(run, scene.says_lumens())?;
@@ -225,7 +225,7 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
     let differentiated = Differentiated::new(&text, folder, &[], names, change)
         .map_err(|error| error.in_scene(&args.scene.display().to_string()))?;
     let ir = &differentiated.ir;
-    let pictures = args.pictures.style(ir)?;
+    let pictures = args.pictures.style(ir, false)?;
     if args.watch_stdin {
         end_with_caller();
     }

@@ -143,11 +143,12 @@ enum When {
 impl PhotometricArg {
     /// The run, whose results are photometric if that is asked for, or if the scene says lumens.
     pub(crate) fn set<'a>(&self, run: Run<'a>, says_lumens: bool) -> Result<Run<'a>> {
-        if self.when == When::On || (self.when == When::Auto && says_lumens) {
-            run.photometric()
-        } else {
-            Ok(run)
-        }
+        if self.is_on(says_lumens) { run.photometric() } else { Ok(run) }
+    }
+
+    /// True if results are photometric, of a scene that says lumens or not.
+    pub(crate) fn is_on(self, says_lumens: bool) -> bool {
+        self.when == When::On || (self.when == When::Auto && says_lumens)
     }
 
     /// True if somebody asks for it.

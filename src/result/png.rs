@@ -1,6 +1,7 @@
 //! One picture per detector: linear from zero or logarithmic ([`Style`]), perceptual colours, axes at round numbers, a colour bar with its unit.
 
 mod canvas;
+mod diagram;
 pub(crate) mod figures;
 mod style;
 
@@ -11,7 +12,7 @@ pub use crate::result::png::style::{Style, Unit};
 use crate::error::{Error, Result};
 use crate::format::{significant, with_prefix};
 use crate::result::png::figures::Head;
-use crate::result::{Detector, DetectorDifference};
+use crate::result::{Detector, DetectorData, DetectorDifference};
 use ndarray::{Axis, Ix2};
 
 /// Draws what a detector recorded to `path`, a `.png` file.
@@ -21,9 +22,29 @@ use ndarray::{Axis, Ix2};
 pub fn write_detector(path: &Path, detector: &Detector, style: Style) -> Result<()> {
     canvas::register_fonts();
     let name = detector.title.as_ref().unwrap_or(&detector.name);
-    let (num_rays_hit, total_flux) = (detector.num_rays_hit, detector.total_flux);
-    let head = Head { name, num_rays_hit, total_flux, style };
-    detector.data.result().picture(path, &head).map_err(|error| Error::file(path, error))
+    let quantity = detector.data.result().map().map_or(("", ""), |map| map.quantity);
+    let num_rays_hit = detector.num_rays_hit;
+    let head = Head { name, num_rays_hit, flux: (detector.total_flux, "W"), quantity, style };
+    let drawn = match detector.luminous.as_ref().filter(|_| !style.is_in_watts()) {
+        Some(seen) => {
+            let head = Head { flux: (seen.flux_lm, "lm"), quantity: seen.quantity(), ..head };
+            let map = seen.map.view().into_dimensionality::<Ix2>();
+            let map = map.map_err(|error| Error::internal("a photometric map", &error))?.to_owned();
+            match &detector.data {
+                DetectorData::Irradiance(pixels) => {
+                    figures::map(path, &head, (pixels.width, pixels.height), &map)
+                }
+                DetectorData::FarField(pattern) => {
+                    figures::directions(path, &head, &map, (pattern.reach(), &pattern.solid_angles()))
+                }
+                DetectorData::Spectral(_) | DetectorData::RayDatabase(_) => {
+                    detector.data.result().picture(path, &head)
+                }
+            }
+        }
+        None => detector.data.result().picture(path, &head),
+    };
+    drawn.map_err(|error| Error::file(path, error))
 }
 
 /// Draws what a detector's map differs by, summed over wavelengths, to `path`, a `.png` file.
@@ -42,7 +63,13 @@ pub fn write_difference(path: &Path, detector: &DetectorDifference, style: Style
     let flux = &detector.flux;
     let score = flux.score().map_or(String::new(), |score| format!(", {} sigmas", significant(score, 2)));
     let numbers = format!("A − B {}{score}", with_prefix(flux.difference, "W"));
-    let head = Head { name: &flux.name, num_rays_hit: 0, total_flux: flux.difference, style };
+    let head = Head {
+        name: &flux.name,
+        num_rays_hit: 0,
+        flux: (flux.difference, "W"),
+        quantity: of_a.quantity,
+        style,
+    };
     figures::difference(path, &head, &numbers, [of_a.x, of_a.y], of_a.quantity, &values)
         .map_err(|error| Error::file(path, error))
 }

@@ -202,11 +202,15 @@ impl Recipe {
             return self.spectral_field(map);
         }
         // Any other kind is shown as its map says.
-        let field = detector.data.result().map().and_then(|map| Field::of_map(&map));
+        let is_known = photometric && detector.luminous.is_some();
+        let field = match is_known {
+            true => Field::of_detector(detector),
+            false => detector.data.result().map().and_then(|map| Field::of_map(&map)),
+        };
         let field = field.ok_or("rays are shown as points: A and B cannot be subtracted")?;
         let is_disc = polar && matches!(detector.data, DetectorData::FarField(_));
-        let field = if is_disc { field.as_disc() } else { field };
-        if !photometric {
+        let field = if is_disc { field.as_disc().of_equal_solid_angles() } else { field };
+        if !photometric || is_known {
             return Ok(field);
         }
         let efficacy = photometry::efficacy(self.key.wavelength);

@@ -37,7 +37,7 @@ pub fn map(
             let limit = field.x_range.1;
             let radii = |(low, high): (f64, f64)| (low / limit, high / limit);
             let colors = field.values.mapv(color);
-            let disc = Disc { colors: &colors, limit, outside: palette.missing };
+            let disc = Disc { colors: &colors, limit, reach: limit, outside: palette.missing };
             disc.draw(Window { x: radii(view.x), y: radii(view.y) }, size)
         }
     };

@@ -261,7 +261,10 @@ pub(super) fn run<'a>(scene: &'a LoadedScene, options: &RunOptions, gpu: &'a Gpu
         batch_size: Some(BATCH),
         ..TraceOptions::default()
     };
-    let mut run = Run::of(&scene.scene, &scene.ir)
+    let run = Run::of(&scene.scene, &scene.ir);
+    // As in `nsq-gpu trace`.
+    let run = if scene.scene.says_lumens() { run.photometric()? } else { run };
+    let mut run = run
         .named(scene.path.display())
         .on(gpu)
         .options(traced)
@@ -270,7 +273,8 @@ pub(super) fn run<'a>(scene: &'a LoadedScene, options: &RunOptions, gpu: &'a Gpu
         .pass_time(PASS_TIME);
     run.predicts_first = true;
     if is_guided(scene, options) {
-        run = run.guide_by(Arc::new(Guide::plain(&scene.ir)));
+        let guide = Guide::plain(run.model());
+        run = run.guide_by(Arc::new(guide));
     }
     if let Some(limit) = options.time_limit {
         run = run.time_limit(limit);

@@ -53,6 +53,12 @@ impl FarFieldPattern {
         if self.theta.last().is_some_and(|last| *last > 90.0) { 180.0 } else { 90.0 }
     }
 
+    /// Solid angles of the cells of each ring \[sr\].
+    pub(crate) fn solid_angles(&self) -> Vec<f64> {
+        let (rows, columns) = self.intensity.dim();
+        solid_angles(rows, columns, self.reach()).to_vec()
+    }
+
     pub(crate) fn read(mut stored: Stored) -> Result<Self> {
         let pattern = FarFieldPattern {
             intensity: stored.array("intensity")?,
@@ -74,12 +80,11 @@ impl FarFieldPattern {
 
 impl DetectorResult for FarFieldPattern {
     fn map(&self) -> Option<CellMap<'_>> {
-        let (rows, columns) = self.intensity.dim();
         Some(CellMap {
             values: self.intensity.view().into_dyn(),
             errors: self.standard_error.as_ref().map(|errors| errors.view().into_dyn()),
             hits: self.hits.view().into_dyn(),
-            sizes: solid_angles(rows, columns, self.reach()).to_vec(),
+            sizes: self.solid_angles(),
             are_alike: false,
             x: Span { label: ("azimuth φ", "°"), range: (-180.0, 180.0) },
             y: Span { label: ("polar angle θ", "°"), range: (0.0, self.reach()) },
@@ -108,7 +113,7 @@ impl DetectorResult for FarFieldPattern {
     }
 
     fn picture(&self, path: &Path, head: &Head) -> Drawn {
-        figures::directions(path, head, &self.intensity)
+        figures::directions(path, head, &self.intensity, (self.reach(), &self.solid_angles()))
     }
 }
 

@@ -1,6 +1,7 @@
 //! What a map shows: values over a plane, for every kind of detector.
 
 use crate::result::detectors::{CellMap, Span};
+use crate::result::picture::polar;
 use crate::result::{Detector, SpectralMap};
 use ndarray::{Array2, Axis, Ix2};
 
@@ -245,30 +246,16 @@ impl Field {
         Field { values, sigma, hits, measure, ..self.clone() }
     }
 
-    /// A far field in cells of about equal solid angle, shown in its own cells. In each ring as many neighbours share
-    /// their mean as have together at least the solid angle of the largest cell. So the light of the pole is not judged by
-    /// cells that a single ray fills.
+    /// A far field in cells of about equal solid angle, shown in its own cells ([`polar::in_equal_solid_angles`]). Cells that
+    /// share their light have one error.
     pub fn of_equal_solid_angles(&self) -> Field {
-        let (rows, columns) = self.dim();
-        let largest = self.measure.iter().copied().fold(0.0, f64::max);
-        let mut field = self.clone();
-        for row in 0..rows {
-            let share = self.measure[row] / largest;
-            // The least divisor that is enough. Rounding must not double a cell of the full size.
-            let is_enough = |num: &usize| columns.is_multiple_of(*num) && *num as f64 * share >= 1.0 - 1e-9;
-            let together = (1..=columns).find(is_enough).unwrap_or(columns);
-            for first in (0..columns).step_by(together) {
-                let group = || (first..first + together).map(|column| (row, column));
-                let num = together as f64;
-                let mean = group().map(|cell| self.values[cell]).sum::<f64>() / num;
-                let error = group().map(|cell| self.known_error(cell).powi(2)).sum::<f64>().sqrt() / num;
-                for cell in group() {
-                    field.values[cell] = mean;
-                    field.sigma[cell] = error;
-                }
-            }
+        let variances = Array2::from_shape_fn(self.dim(), |cell| self.known_error(cell).powi(2));
+        let num = polar::neighbours(&self.measure, self.dim().1);
+        let mut sigma = polar::in_equal_solid_angles(&variances, &self.measure);
+        for (mut row, num) in sigma.outer_iter_mut().zip(num) {
+            row.mapv_inplace(|variance| (variance / num as f64).sqrt());
         }
-        field
+        Field { values: polar::in_equal_solid_angles(&self.values, &self.measure), sigma, ..self.clone() }
     }
 
     /// The standard error of a cell; 0 where none is known.

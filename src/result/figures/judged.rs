@@ -7,6 +7,7 @@ use crate::result::figures::field::{CellGeometry, Field};
 use crate::result::figures::found::{Figure, Figures, Named, RegionFigures};
 use crate::result::figures::noise::with_errors;
 use crate::result::figures::region::Region;
+use crate::result::picture::polar::sector;
 use crate::result::{Detector, DetectorData, TraceResult};
 use ndarray::{Array2, Axis};
 use std::collections::BTreeMap;
@@ -24,8 +25,6 @@ pub struct Asked {
 const KNOWN: f64 = 0.01;
 /// Fewest rows or columns of cells that are made of pixels by themselves.
 const FEWEST_CELLS: usize = 16;
-/// Half of the width of the sector of azimuths that stands for a plane C \[deg\].
-const SECTOR: f64 = 5.0;
 
 /// The figures of a detector of a result.
 ///
@@ -263,15 +262,8 @@ fn widths(field: &Field, has_errors: bool) -> Named {
 /// and in the planes C0 and C90.
 fn angles(field: &Field, total: &Total) -> Named {
     let (_, columns) = field.dim();
-    let azimuth = |column: usize| -180.0 + 360.0 * (column as f64 + 0.5) / columns as f64;
-    // At least one bin, and as many on either side.
-    let half = SECTOR.max(180.0 / columns as f64) + 1e-9;
-    let sector = |middle: f64| -> Vec<usize> {
-        let off = |column: usize| ((azimuth(column) - middle + 540.0).rem_euclid(360.0) - 180.0).abs();
-        (0..columns).filter(|&column| off(column) <= half).collect()
-    };
     let all: Vec<usize> = (0..columns).collect();
-    let planes = [[sector(0.0), sector(180.0)], [sector(90.0), sector(-90.0)]];
+    let planes = [[0.0, 180.0], [90.0, -90.0]].map(|plane| plane.map(|azimuth| sector(columns, azimuth)));
     let of = |field: &Field| {
         let both = |sides: [&[usize]; 2], part: f64| {
             let profiles = sides.map(|side| over_polar_angles(field, side));

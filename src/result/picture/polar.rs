@@ -3,7 +3,7 @@
 
 use crate::result::picture::Rgb;
 use crate::result::picture::raster::Raster;
-use ndarray::Array2;
+use ndarray::{Array2, Axis};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -13,8 +13,48 @@ pub struct Disc<'a> {
     pub colors: &'a Array2<Rgb>,
     /// The polar angle at the rim \[deg\].
     pub limit: f64,
+    /// The polar angle where the bins end \[deg\]: 90 or 180.
+    pub reach: f64,
     /// The colour beside the disc.
     pub outside: Rgb,
+}
+
+/// How many neighbours of each ring have together at least the solid angle of the largest cell, by the solid angles of the rings'
+/// cells. They divide the cells of a ring.
+pub(crate) fn neighbours(solid_angles: &[f64], columns: usize) -> Vec<usize> {
+    let largest = solid_angles.iter().copied().fold(0.0, f64::max);
+    let of_ring = |size: &f64| {
+        // Rounding must not double a cell of the full size.
+        let is_enough =
+            |num: &usize| columns.is_multiple_of(*num) && *num as f64 * size >= largest * (1.0 - 1e-9);
+        (1..=columns).find(is_enough).unwrap_or(columns)
+    };
+    solid_angles.iter().map(of_ring).collect()
+}
+
+/// Half of the width of the sector of azimuths that stands for a half plane \[deg\].
+const SECTOR: f64 = 5.0;
+
+/// The columns of azimuths that stand for a half plane at this azimuth \[deg\]: those within 5 degrees, but at least the one or two
+/// beside it.
+pub(crate) fn sector(columns: usize, azimuth: f64) -> Vec<usize> {
+    let half = SECTOR.max(180.0 / columns as f64) + 1e-9;
+    let at = |column: usize| -180.0 + 360.0 * (column as f64 + 0.5) / columns as f64;
+    let off = |column: usize| ((at(column) - azimuth + 540.0).rem_euclid(360.0) - 180.0).abs();
+    (0..columns).filter(|&column| off(column) <= half).collect()
+}
+
+/// A far field in cells of about equal solid angle, shown in its own cells: neighbours share their mean. So the light of the pole
+/// is not judged by cells that a single ray fills.
+pub(crate) fn in_equal_solid_angles(values: &Array2<f64>, solid_angles: &[f64]) -> Array2<f64> {
+    let mut shared = values.clone();
+    for (mut row, num) in shared.outer_iter_mut().zip(neighbours(solid_angles, values.ncols())) {
+        for mut group in row.axis_chunks_iter_mut(Axis(0), num) {
+            let mean = group.sum() / num as f64;
+            group.fill(mean);
+        }
+    }
+    shared
 }
 
 /// The part of a disc that a picture shows, in radii: from left to right, and from bottom to top.
@@ -35,7 +75,7 @@ impl Disc<'_> {
     /// Draws the part of the disc in a window; edges are smoothed.
     pub fn draw(&self, window: Window, [width, height]: [usize; 2]) -> Raster {
         let mut raster = Raster::filled(width, height, self.outside);
-        let directions = Directions::new(self.colors.dim(), self.limit);
+        let directions = Directions::new(self.colors.dim(), self.limit / self.reach);
         raster.rgb.par_chunks_mut(3 * width * Band::HEIGHT).enumerate().for_each(|(number, rgb)| {
             let first = number * Band::HEIGHT;
             let rows = first..(first + Band::HEIGHT).min(height);
@@ -148,8 +188,9 @@ struct Directions {
 }
 
 impl Directions {
-    fn new((rows, columns): (usize, usize), limit: f64) -> Self {
-        let radius = |row: usize| row as f64 / rows as f64 * 90.0 / limit;
+    /// `shown` is the share of the polar angles that the disc shows.
+    fn new((rows, columns): (usize, usize), shown: f64) -> Self {
+        let radius = |row: usize| row as f64 / rows as f64 / shown;
         let azimuth = |column: usize| {
             let (y, x) = (std::f64::consts::TAU * column as f64 / columns as f64).sin_cos();
             around(-x, -y)
@@ -195,7 +236,7 @@ mod tests {
     fn azimuth_turns_from_right_to_up() {
         // One ring of four sectors: -180 to -90, -90 to 0, 0 to 90, 90 to 180 degrees.
         let colors = array![[0, 1, 2, 3]].mapv(|sector: u8| [sector; 3]);
-        let disc = Disc { colors: &colors, limit: 90.0, outside: [255; 3] };
+        let disc = Disc { colors: &colors, limit: 90.0, reach: 90.0, outside: [255; 3] };
         let whole = disc.draw(Window::WHOLE, [100, 100]);
         let at = |raster: &Raster, x: usize, y: usize| raster.rgb[3 * (raster.width * y + x)];
         assert_eq!(at(&whole, 65, 35), 2, "the upper right");
@@ -203,6 +244,19 @@ mod tests {
         assert_eq!(at(&whole, 2, 2), 255, "outside the disc");
         let corner = disc.draw(Window { x: (0.5, 1.5), y: (0.0, 0.5) }, [40, 20]);
         assert_eq!([at(&corner, 2, 17), at(&corner, 39, 17)], [2, 255]);
+    }
+
+    #[test]
+    fn neighbours_near_the_pole_share_their_light() {
+        let sizes: Vec<f64> =
+            (0..9).map(|row| ((f64::from(row) + 0.5) * 10.0_f64).to_radians().sin()).collect();
+        assert_eq!(neighbours(&sizes, 36), [12, 4, 3, 2, 2, 2, 2, 2, 1]);
+        let values = Array2::from_shape_fn((9, 36), |(row, column)| (row * 36 + column) as f64);
+        let shared = in_equal_solid_angles(&values, &sizes);
+        assert_eq!(shared.row(8), values.row(8));
+        assert_eq!([shared[(0, 0)], shared[(0, 11)], shared[(0, 12)]], [5.5, 5.5, 17.5]);
+        let sums = |values: &Array2<f64>| values.outer_iter().map(|row| row.sum()).collect::<Vec<_>>();
+        assert_eq!(sums(&shared), sums(&values), "light is kept");
     }
 
     #[test]
@@ -219,13 +273,13 @@ mod tests {
 
     #[test]
     fn bins_are_those_of_the_angles() {
-        let (rows, columns, limit) = (7, 10, 60.0);
-        let mut directions = Directions::new((rows, columns), limit);
+        let (rows, columns, shown) = (7, 10, 2.0 / 3.0);
+        let mut directions = Directions::new((rows, columns), shown);
         // A spiral that jumps; its points keep clear of edges.
         for i in 0..5_000 {
             let (radius, azimuth) = ((f64::from(i) * 0.618_033).fract(), f64::from(i) * 2.399_963);
             let (y, x) = azimuth.sin_cos();
-            let row = radius * limit / 90.0 * rows as f64;
+            let row = radius * shown * rows as f64;
             let column =
                 ((y.atan2(x).to_degrees() + 180.0) / 360.0 * columns as f64).min(columns as f64 - 0.1);
             let bin = directions.bin_at(radius * x, radius * y);

@@ -269,6 +269,19 @@ impl Canvas<'_> {
         self.upright_text(&bar.axis.label, (middle, place.top + place.height / 2))
     }
 
+    /// A curve through points, in a colour.
+    pub fn curve(&self, points: Vec<(i32, i32)>, [r, g, b]: Rgb) -> Drawn {
+        let style =
+            ShapeStyle::from(&RGBColor(r, g, b)).stroke_width((0.14 * self.text).round().max(2.0) as u32);
+        self.root.draw(&PathElement::new(points, style)).map_err(reason)
+    }
+
+    /// A light line of a grid through points.
+    pub fn grid_line(&self, points: Vec<(i32, i32)>) -> Drawn {
+        let style = ShapeStyle::from(&GRID).stroke_width((0.05 * self.text).round().max(1.0) as u32);
+        self.root.draw(&PathElement::new(points, style)).map_err(reason)
+    }
+
     /// A filled staircase: `edges` has one value more than `heights`.
     pub fn staircase(&self, place: Place, (x, y): (&Axis, &Axis), edges: &[f64], heights: &[f64]) -> Drawn {
         let mut line = vec![(place.x(edges[0], x.range), place.bottom())];

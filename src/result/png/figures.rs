@@ -6,14 +6,18 @@ use plotters::style::text_anchor::{HPos, VPos};
 
 use crate::format::{self, si_prefix, significant, thousands, with_prefix};
 use crate::result::picture::Rgb;
-use crate::result::picture::polar::{Disc, Window};
+use crate::result::picture::polar::{Disc, Window, in_equal_solid_angles};
 use crate::result::picture::pyramid::Pyramid;
 use crate::result::picture::raster::{Means, Raster, runs};
 use crate::result::picture::scale::{Palette, Scale, ScaleKind};
 pub(crate) use crate::result::png::canvas::Drawn;
 use crate::result::png::canvas::{Axis, Canvas, ColorBar, Place, picture, text_width, with_unit};
+use crate::result::png::diagram;
 use crate::result::png::style::Style;
 use ndarray::Array2;
+
+/// What pictures of far fields say of their cells.
+pub(super) const EQUAL_CELLS: &str = "cells of equal solid angle";
 
 /// Sizes in multiples of the text size.
 const PAD: f64 = 1.0;
@@ -84,25 +88,30 @@ pub(crate) struct Head<'a> {
     pub name: &'a str,
     /// Rays recorded.
     pub num_rays_hit: u64,
-    /// Flux \[W\].
-    pub total_flux: f64,
+    /// Flux, and its unit.
+    pub flux: (f64, &'static str),
+    /// What maps are called, and the unit of their values.
+    pub quantity: (&'static str, &'static str),
     /// How values are shown.
     pub style: Style,
 }
 
 /// The line of numbers below a title.
 fn numbers(head: &Head, peak: Option<(f64, &ColorBar)>) -> String {
-    let mut parts = vec![format!("{} rays", thousands(head.num_rays_hit)), with_prefix(head.total_flux, "W")];
-    parts.extend(peak.map(|(peak, bar)| {
-        let (factor, unit) = &bar.unit;
-        format!("peak {} {unit}", significant(peak / factor, 4))
-    }));
+    numbers_of(head, peak.map(|(peak, bar)| (peak, &bar.unit)))
+}
+
+/// The same with the unit of the peak: how many of the values' unit it is, and its name.
+pub(super) fn numbers_of(head: &Head, peak: Option<(f64, &(f64, String))>) -> String {
+    let mut parts =
+        vec![format!("{} rays", thousands(head.num_rays_hit)), with_prefix(head.flux.0, head.flux.1)];
+    parts.extend(peak.map(|(peak, (factor, unit))| format!("peak {} {unit}", significant(peak / factor, 4))));
     parts.join(" · ")
 }
 
 /// Irradiance over x and y, true to scale.
 pub(crate) fn map(path: &Path, head: &Head, size: (f64, f64), values: &Array2<f64>) -> Drawn {
-    let panel = MapPanel::new(size, values, head.style);
+    let panel = MapPanel::new(size, values, head);
     let numbers = numbers(head, Some((maximum(values), &panel.bar)));
     panel.write(path, head, &numbers)
 }
@@ -128,7 +137,7 @@ pub(crate) fn map_and_spectrum(
     broadband: &Array2<f64>,
     bins: (&[f64], &[f64]),
 ) -> Drawn {
-    let panel = MapPanel::new(size, broadband, head.style);
+    let panel = MapPanel::new(size, broadband, head);
     let numbers = numbers(head, Some((maximum(broadband), &panel.bar)));
     let text = panel.text;
     let px = |times: f64| (times * text).round() as i32;
@@ -176,10 +185,10 @@ struct MapPanel {
 }
 
 impl MapPanel {
-    fn new((width, height): (f64, f64), values: &Array2<f64>, style: Style) -> Self {
+    fn new((width, height): (f64, f64), values: &Array2<f64>, head: &Head) -> Self {
         let span = |name, size: f64| Span { label: (name, "mm"), range: (-size / 2.0, size / 2.0) };
         let spans = [span("x", width), span("y", height)];
-        Self::of_spans(spans, ("Irradiance", "W/mm²"), values, (Some(style.scale()), style))
+        Self::of_spans(spans, head.quantity, values, (Some(head.style.scale()), head.style))
     }
 
     /// A map in the colours of a kind of scale, or of differences.
@@ -266,20 +275,30 @@ fn map_size((width, height): (f64, f64), (nx, ny): (usize, usize)) -> (usize, us
     (shown.round().max(1.0) as usize, (shown * aspect).round().max(1.0) as usize)
 }
 
-/// Intensity over directions: a disc seen along the detector's axis, out to the last direction that holds flux.
-pub(crate) fn directions(path: &Path, head: &Head, intensity: &Array2<f64>) -> Drawn {
+/// Intensity over directions, whose polar angles go to `reach` \[deg\], with the solid angles of the rings' cells: a disc seen along
+/// the detector's axis, out to the last direction that holds flux, in cells of equal solid angle. Or a polar diagram.
+pub(crate) fn directions(
+    path: &Path,
+    head: &Head,
+    intensity: &Array2<f64>,
+    (reach, solid_angles): (f64, &[f64]),
+) -> Drawn {
     const SIZE: usize = 1100;
-    let limit = shown_angle(intensity);
+    let intensity = &in_equal_solid_angles(intensity, solid_angles);
+    if head.style.is_polar {
+        return diagram::polar_diagram(path, head, intensity, reach);
+    }
+    let limit = shown_angle(intensity, reach);
     let text = text_size((SIZE, SIZE));
     let px = |times: f64| (times * text).round() as i32;
     let scale = fitted(head.style.scale(), intensity);
     let color = Palette::of_files(&scale).lookup();
     let colors = intensity.mapv(|value| color(scale.shade(value)));
-    let disc = Disc { colors: &colors, limit, outside: [255; 3] };
+    let disc = Disc { colors: &colors, limit, reach, outside: [255; 3] };
     let mut raster = disc.draw(Window::WHOLE, [SIZE; 2]);
-    let unit = head.style.unit_of("W/sr", scale.high);
-    let bar = ColorBar::new("Intensity", unit, scale, SIZE as i32, text);
-    let numbers = numbers(head, Some((scale.high, &bar)));
+    let unit = head.style.unit_of(head.quantity.1, scale.high);
+    let bar = ColorBar::new(head.quantity.0, unit, scale, SIZE as i32, text);
+    let numbers = numbers(head, Some((scale.high, &bar))) + " · " + EQUAL_CELLS;
     let axis = polar_axis(limit);
     for (angle, _) in axis.ticks.iter().filter(|(angle, _)| *angle > 0.0 && *angle < limit) {
         let radius = angle / limit * SIZE as f64 / 2.0;
@@ -354,12 +373,12 @@ fn azimuth_labels(canvas: &Canvas, disc: Place, gap: i32) -> Drawn {
 }
 
 /// The smallest of a few round angles that leaves no flux out \[deg\].
-fn shown_angle(intensity: &Array2<f64>) -> f64 {
+fn shown_angle(intensity: &Array2<f64>, all: f64) -> f64 {
     let rows = intensity.nrows();
     let last = (0..rows).rev().find(|&row| intensity.row(row).iter().any(|&value| value > 0.0));
-    let reach = last.map_or(90.0, |row| 90.0 * (row + 1) as f64 / rows as f64);
-    let round = [1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 60.0];
-    round.into_iter().find(|&angle| angle >= reach - 1e-9).unwrap_or(90.0)
+    let reach = last.map_or(all, |row| all * (row + 1) as f64 / rows as f64);
+    let round = [1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 60.0, 90.0, 120.0];
+    round.into_iter().find(|&angle| angle >= reach - 1e-9).unwrap_or(all)
 }
 
 /// What gives, for each of some rays, where it crossed the detector in its own frame \[mm\], and its wavelength \[um\].

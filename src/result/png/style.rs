@@ -14,22 +14,27 @@ pub struct Style {
     pub is_log: bool,
     /// The unit of the maps that have such a unit; maps of others keep theirs.
     pub unit: Option<Unit>,
+    /// Far fields are polar diagrams: intensity over the polar angle in planes C.
+    pub is_polar: bool,
 }
 
-/// A unit of irradiance or of intensity, such as mW/cm2 or W/sr.
+/// A unit of irradiance or of intensity, such as mW/cm2 or W/sr, or of what the eye sees of it, such as lx.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Unit {
     prefix: (&'static str, f64),
     per: Per,
 }
 
-/// What a watt is divided by.
+/// What a watt is divided by, or what the eye sees of it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Per {
     SquareMillimetre,
     SquareCentimetre,
     SquareMetre,
     Steradian,
+    Lux,
+    FootCandle,
+    Candela,
 }
 
 /// Prefixes, as users write them.
@@ -47,11 +52,14 @@ const PREFIXES: [(&str, &str, f64); 10] = [
 ];
 
 impl Per {
-    const ALL: [(&str, Per); 4] = [
-        ("mm²", Per::SquareMillimetre),
-        ("cm²", Per::SquareCentimetre),
-        ("m²", Per::SquareMetre),
-        ("sr", Per::Steradian),
+    const ALL: [(&str, Per); 7] = [
+        ("W/mm²", Per::SquareMillimetre),
+        ("W/cm²", Per::SquareCentimetre),
+        ("W/m²", Per::SquareMetre),
+        ("W/sr", Per::Steradian),
+        ("lx", Per::Lux),
+        ("fc", Per::FootCandle),
+        ("cd", Per::Candela),
     ];
 
     /// The unit that results have of this quantity, and how many of those one watt per this is.
@@ -61,6 +69,10 @@ impl Per {
             Per::SquareCentimetre => ("W/mm²", 1e-2),
             Per::SquareMetre => ("W/mm²", 1e-6),
             Per::Steradian => ("W/sr", 1.0),
+            Per::Lux => ("lx", 1.0),
+            // A lumen per square foot.
+            Per::FootCandle => ("lx", 1.0 / (0.3048 * 0.3048)),
+            Per::Candela => ("cd", 1.0),
         }
     }
 }
@@ -68,7 +80,7 @@ impl Per {
 impl fmt::Display for Unit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let name = Per::ALL.iter().find(|(_, per)| *per == self.per).map_or("", |(name, _)| name);
-        write!(f, "{}W/{name}", self.prefix.0)
+        write!(f, "{}{name}", self.prefix.0)
     }
 }
 
@@ -76,15 +88,15 @@ impl FromStr for Unit {
     type Err = String;
 
     fn from_str(text: &str) -> std::result::Result<Self, String> {
-        let parts = text.split_once("W/").and_then(|(prefix, per)| {
+        let text_of = text.replace("^2", "²").replace('2', "²");
+        let parts = Per::ALL.into_iter().find_map(|(name, per)| {
+            let prefix = text_of.strip_suffix(name)?;
             let (_, shown, factor) = PREFIXES.into_iter().find(|(written, ..)| *written == prefix)?;
-            let per = per.replace("^2", "²").replace('2', "²");
-            let (_, per) = Per::ALL.into_iter().find(|(name, _)| *name == per)?;
             Some(Unit { prefix: (shown, factor), per })
         });
         parts.ok_or_else(|| {
             format!(
-                "`{text}` is no unit of a map; write W/mm2, W/cm2, W/m2 or W/sr, with a prefix such as in mW/cm2"
+                "`{text}` is no unit of a map; write W/mm2, W/cm2, W/m2, W/sr, lx, fc or cd, with a prefix such as in mW/cm2"
             )
         })
     }
@@ -107,24 +119,38 @@ impl Style {
         }
     }
 
-    /// Refuses a unit that no map of a scene has.
+    /// True if somebody asks for a unit of watts.
+    pub(super) fn is_in_watts(self) -> bool {
+        self.unit.is_some_and(|unit| unit.per.base().0.starts_with('W'))
+    }
+
+    /// Refuses a unit that no map of a scene has, whose results may be photometric.
     ///
     /// # Errors
     /// [`Error::Usage`] with the units that there are.
-    pub fn check(self, ir: &SceneIr) -> Result<()> {
+    pub fn check(self, ir: &SceneIr, is_photometric: bool) -> Result<()> {
         let Some(unit) = self.unit else { return Ok(()) };
-        let has = |base| match base {
-            "W/sr" => {
-                ir.detectors.iter().any(|detector| detector.num_cells() > 0 && detector.kind.grid().is_none())
-            }
-            _ => ir.detectors.iter().any(|detector| detector.kind.grid().is_some()),
+        let any = |has_grid: bool| {
+            ir.detectors
+                .iter()
+                .any(|detector| detector.num_cells() > 0 && detector.kind.grid().is_some() == has_grid)
+        };
+        let has = |base: &str| match base {
+            "W/sr" => any(false),
+            "cd" => is_photometric && any(false),
+            "lx" => is_photometric && any(true),
+            _ => any(true),
         };
         let base = unit.per.base().0;
         if has(base) {
             return Ok(());
         }
-        let others: Vec<&str> = ["W/mm2", "W/sr"].into_iter().filter(|other| has(other)).collect();
+        let others: Vec<&str> = [("W/mm²", "W/mm2"), ("W/sr", "W/sr"), ("lx", "lx"), ("cd", "cd")]
+            .into_iter()
+            .filter_map(|(base, written)| has(base).then_some(written))
+            .collect();
         let remedy = match others.as_slice() {
+            _ if !base.starts_with('W') && !is_photometric => "trace with --photometric".into(),
             [] => "leave --unit out: no detector has a map".into(),
             others => format!("give a unit such as {}", others.join(" or ")),
         };
@@ -149,18 +175,27 @@ mod tests {
             ("uW/mm2", "µW/mm²", 1000.0),
         ] {
             let unit: Unit = text.parse().unwrap();
-            let (factor, shown) = Style { unit: Some(unit), is_log: false }.unit_of("W/mm²", 1e-3);
+            let (factor, shown) =
+                Style { unit: Some(unit), is_log: false, is_polar: false }.unit_of("W/mm²", 1e-3);
             assert_eq!(shown, name);
             assert_relative_eq!(1e-3 / factor, number, max_relative = 1e-12);
         }
-        let per_steradian = Style { unit: Some("mW/sr".parse().unwrap()), is_log: false };
+        let per_steradian = Style { unit: Some("mW/sr".parse().unwrap()), is_log: false, is_polar: false };
         assert_eq!(per_steradian.unit_of("W/sr", 5.0), (1e-3, "mW/sr".into()));
         assert_eq!(
             per_steradian.unit_of("W/mm²", 5e-6),
             (1e-6, "µW/mm²".into()),
             "another quantity keeps its own"
         );
-        for wrong in ["W", "lx", "W/m", "W/mm3", "xW/m2", "", "W/m22"] {
+        for (text, base, number) in
+            [("lx", "lx", 1076.4), ("klx", "lx", 1.0764), ("fc", "lx", 100.0), ("cd", "cd", 1076.4)]
+        {
+            let unit: Unit = text.parse().unwrap();
+            let (factor, shown) = Style { unit: Some(unit), ..Style::default() }.unit_of(base, 1.0);
+            assert_eq!(shown, text);
+            assert_relative_eq!(1076.4 / factor, number, max_relative = 1e-4);
+        }
+        for wrong in ["W", "lux", "W/m", "W/mm3", "xW/m2", "", "W/m22"] {
             assert!(wrong.parse::<Unit>().unwrap_err().contains("W/cm2"), "{wrong}");
         }
     }

@@ -37,7 +37,8 @@ pub fn show(app: &mut App, ui: &mut Ui, picture: Option<&Picture>) {
         if far_field {
             ui.separator();
             let settings = &mut app.model.settings;
-            ui.selectable_value(&mut settings.polar, true, "Polar");
+            ui.selectable_value(&mut settings.polar, true, "Polar")
+                .on_hover_text("In cells of equal solid angle: near the pole neighbours share their mean");
             ui.selectable_value(&mut settings.polar, false, "Cartesian");
         }
     });
@@ -74,12 +75,14 @@ fn scale(app: &mut App, ui: &mut Ui) {
 }
 
 fn units(app: &mut App, ui: &mut Ui) {
-    let tells_wavelengths =
-        app.model.detector().is_some_and(|detector| detector.data.result().tells_wavelengths());
+    let tells_wavelengths = app
+        .model
+        .detector()
+        .is_some_and(|detector| detector.luminous.is_some() || detector.data.result().tells_wavelengths());
     let settings = &mut app.model.settings;
     ui.selectable_value(&mut settings.photometric, false, "W");
     ui.selectable_value(&mut settings.photometric, true, "lm")
-        .on_hover_text("Photometric units by the CIE 1931 curve, as Optiland converts them");
+        .on_hover_text("Photometric units by the CIE 1931 curve");
     if settings.photometric && !tells_wavelengths {
         let wavelength = DragValue::new(&mut app.model.wavelength).range(0.1..=20.0).speed(0.001);
         ui.add(wavelength.suffix(" µm").max_decimals(4)).on_hover_text(
