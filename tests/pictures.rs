@@ -80,11 +80,13 @@ fn what_cannot_be_drawn_is_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out").display().to_string();
     for (arguments, expected) in [
-        (&["trace", SCENE, "--unit", "lx", "-o", &out][..], "`lx` is no unit of a map"),
+        (&["trace", SCENE, "--unit", "lx", "-o", &out][..], "trace with --photometric"),
         (
             &["trace", SCENE, "--unit", "W/sr", "-o", &out],
             "no detector's map is in such a unit; give a unit such as W/mm2",
         ),
+        (&["trace", SCENE, "--unit", "lux", "-o", &out], "`lux` is no unit of a map"),
+        (&["trace", SCENE, "--photometric", "--unit", "cd", "-o", &out], "give a unit such as W/mm2 or lx"),
         (&["trace", SCENE, "--scale", "log"], "--output"),
         (&["diff", SCENE, "--set", "L1.r1=53", "--scale", "log", "-o", &out], "a difference has both signs"),
     ] {

@@ -1,7 +1,7 @@
 //! One picture per detector: linear from zero or logarithmic ([`Style`]), perceptual colours, axes at round numbers, a colour bar with its unit.
 
 mod canvas;
-mod diagram;
+pub(crate) mod diagram;
 pub(crate) mod figures;
 mod style;
 
@@ -35,7 +35,7 @@ pub fn write_detector(path: &Path, detector: &Detector, style: Style) -> Result<
                     figures::map(path, &head, (pixels.width, pixels.height), &map)
                 }
                 DetectorData::FarField(pattern) => {
-                    figures::directions(path, &head, &map, (pattern.reach(), &pattern.solid_angles()))
+                    diagram::far_field(path, &head, &map, (pattern.reach(), &pattern.solid_angles()))
                 }
                 DetectorData::Spectral(_) | DetectorData::RayDatabase(_) => {
                     detector.data.result().picture(path, &head)

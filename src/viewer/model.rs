@@ -208,8 +208,11 @@ impl Recipe {
             false => detector.data.result().map().and_then(|map| Field::of_map(&map)),
         };
         let field = field.ok_or("rays are shown as points: A and B cannot be subtracted")?;
-        let is_disc = polar && matches!(detector.data, DetectorData::FarField(_));
-        let field = if is_disc { field.as_disc().of_equal_solid_angles() } else { field };
+        let field = match &detector.data {
+            DetectorData::FarField(_) if polar => field.as_disc().of_equal_solid_angles(),
+            DetectorData::FarField(_) => field.of_equal_solid_angles(),
+            DetectorData::Irradiance(_) | DetectorData::Spectral(_) | DetectorData::RayDatabase(_) => field,
+        };
         if !photometric || is_known {
             return Ok(field);
         }

@@ -5,7 +5,8 @@ use crate::model::FarField;
 use crate::result::detectors::bins::{bin_centres, bin_edges, shaped};
 use crate::result::detectors::{CellMap, DetectorResult, Span, Sums};
 use crate::result::npz::ArrayWriter;
-use crate::result::png::figures::{self, Drawn, Head};
+use crate::result::png::diagram;
+use crate::result::png::figures::{Drawn, Head};
 use crate::result::stored::Stored;
 use crate::result::tally::map_lit;
 use ndarray::{Array1, Array2};
@@ -113,7 +114,7 @@ impl DetectorResult for FarFieldPattern {
     }
 
     fn picture(&self, path: &Path, head: &Head) -> Drawn {
-        figures::directions(path, head, &self.intensity, (self.reach(), &self.solid_angles()))
+        diagram::far_field(path, head, &self.intensity, (self.reach(), &self.solid_angles()))
     }
 }
 

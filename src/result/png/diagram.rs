@@ -1,11 +1,12 @@
-//! The polar diagram of a luminaire: intensity over the polar angle gamma, in the planes C0-C180 and C90-C270.
+//! Far fields, as a disc or as the polar diagram of a luminaire: intensity over the polar angle gamma, in the planes C0-C180 and
+//! C90-C270.
 
 use crate::format;
 use crate::result::picture::Rgb;
-use crate::result::picture::polar::sector;
+use crate::result::picture::polar::{in_equal_solid_angles, sector};
 use crate::result::picture::ticks::ticks;
 use crate::result::png::canvas::{Drawn, picture, text_width};
-use crate::result::png::figures::{EQUAL_CELLS, Head, numbers_of};
+use crate::result::png::figures::{self, EQUAL_CELLS, Head, numbers_of};
 use ndarray::Array2;
 use plotters::style::text_anchor::{HPos, VPos};
 use std::path::Path;
@@ -19,8 +20,21 @@ const TEXT: f64 = 29.0;
 const PLANES: [(&str, [f64; 2], Rgb); 2] =
     [("C0–C180", [0.0, 180.0], [200, 60, 30]), ("C90–C270", [-90.0, 90.0], [30, 90, 180])];
 
-/// Draws intensities by polar angle and azimuth. Polar angles go to `reach` \[deg\], and 0 points down.
-pub(super) fn polar_diagram(path: &Path, head: &Head, intensity: &Array2<f64>, reach: f64) -> Drawn {
+/// Draws intensities by polar angle and azimuth, with the solid angles of the rings' cells: as a disc, or as a polar diagram. Polar
+/// angles go to `reach` \[deg\]. Cells of equal solid angle are drawn.
+pub(crate) fn far_field(
+    path: &Path,
+    head: &Head,
+    intensity: &Array2<f64>,
+    (reach, solid_angles): (f64, &[f64]),
+) -> Drawn {
+    let intensity = in_equal_solid_angles(intensity, solid_angles);
+    let draw = if head.style.is_polar { polar_diagram } else { figures::directions };
+    draw(path, head, &intensity, reach)
+}
+
+/// The diagram, in which the polar angle 0 points down.
+fn polar_diagram(path: &Path, head: &Head, intensity: &Array2<f64>, reach: f64) -> Drawn {
     let (rows, columns) = intensity.dim();
     let curves = PLANES.map(|(_, halves, color)| {
         (halves.map(|azimuth| profile(intensity, &sector(columns, azimuth))), color)

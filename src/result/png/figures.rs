@@ -6,13 +6,12 @@ use plotters::style::text_anchor::{HPos, VPos};
 
 use crate::format::{self, si_prefix, significant, thousands, with_prefix};
 use crate::result::picture::Rgb;
-use crate::result::picture::polar::{Disc, Window, in_equal_solid_angles};
+use crate::result::picture::polar::{Disc, Window};
 use crate::result::picture::pyramid::Pyramid;
 use crate::result::picture::raster::{Means, Raster, runs};
 use crate::result::picture::scale::{Palette, Scale, ScaleKind};
 pub(crate) use crate::result::png::canvas::Drawn;
 use crate::result::png::canvas::{Axis, Canvas, ColorBar, Place, picture, text_width, with_unit};
-use crate::result::png::diagram;
 use crate::result::png::style::Style;
 use ndarray::Array2;
 
@@ -275,19 +274,10 @@ fn map_size((width, height): (f64, f64), (nx, ny): (usize, usize)) -> (usize, us
     (shown.round().max(1.0) as usize, (shown * aspect).round().max(1.0) as usize)
 }
 
-/// Intensity over directions, whose polar angles go to `reach` \[deg\], with the solid angles of the rings' cells: a disc seen along
-/// the detector's axis, out to the last direction that holds flux, in cells of equal solid angle. Or a polar diagram.
-pub(crate) fn directions(
-    path: &Path,
-    head: &Head,
-    intensity: &Array2<f64>,
-    (reach, solid_angles): (f64, &[f64]),
-) -> Drawn {
+/// Intensity over directions, whose polar angles go to `reach` \[deg\]: a disc seen along the detector's axis, out to the last
+/// direction that holds flux.
+pub(super) fn directions(path: &Path, head: &Head, intensity: &Array2<f64>, reach: f64) -> Drawn {
     const SIZE: usize = 1100;
-    let intensity = &in_equal_solid_angles(intensity, solid_angles);
-    if head.style.is_polar {
-        return diagram::polar_diagram(path, head, intensity, reach);
-    }
     let limit = shown_angle(intensity, reach);
     let text = text_size((SIZE, SIZE));
     let px = |times: f64| (times * text).round() as i32;

@@ -37,8 +37,8 @@ pub fn show(app: &mut App, ui: &mut Ui, picture: Option<&Picture>) {
         if far_field {
             ui.separator();
             let settings = &mut app.model.settings;
-            ui.selectable_value(&mut settings.polar, true, "Polar")
-                .on_hover_text("In cells of equal solid angle: near the pole neighbours share their mean");
+            let cells = "In cells of equal solid angle: near the pole neighbours share their mean";
+            ui.selectable_value(&mut settings.polar, true, "Polar").on_hover_text(cells);
             ui.selectable_value(&mut settings.polar, false, "Cartesian");
         }
     });
