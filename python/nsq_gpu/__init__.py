@@ -51,6 +51,9 @@ results carry a graph to tensors that have ``requires_grad``, where TorchBackend
 
 ``ghosts(optic)`` is the table of a lens's ghosts over its fields, with maps of the worst ones.
 
+``finish("black paint")``, ``polished``, ``ground`` and ``dusty`` are surfaces with the sources of their numbers;
+``from_step("mount.step", {"barrel*": "black paint"}, scene=scene)`` adds mounts and baffles of a CAD program.
+
 ``export_scene(scene, "scene.json")`` writes a file that alone, given to ``nsq-gpu trace``, traces as the live scene
 does, with all that ``scene.to_json`` drops; ``load_scene("scene.json")`` reads it back, or a file of your own; of
 JSON5, it takes comments and trailing commas, and no more. What no file can hold (polarised coatings, classes of
@@ -86,6 +89,7 @@ from nsq_gpu.errors import (
     UsageError,
 )
 from nsq_gpu.export import export_scene
+from nsq_gpu.finishes import dusty, finish, ground, polished
 from nsq_gpu.ghost_table import Ghosts
 from nsq_gpu.ghosting import ghosts
 from nsq_gpu.gradients import Jacobian, jacobian, loss_gradient
@@ -93,6 +97,7 @@ from nsq_gpu.loading import load_scene
 from nsq_gpu.paths import CoatingTable, PathTable
 from nsq_gpu.results import Result
 from nsq_gpu.session import Session
+from nsq_gpu.step import from_step
 from nsq_gpu.storing import load
 from nsq_gpu.sweeps import Sweep
 from nsq_gpu.verifying import Verification, verify
@@ -125,15 +130,20 @@ __all__ = [
     "UsageError",
     "Verification",
     "diff",
+    "dusty",
     "export_scene",
     "find_binary",
+    "finish",
     "from_file",
     "from_optic",
+    "from_step",
     "ghosts",
+    "ground",
     "jacobian",
     "load",
     "load_scene",
     "loss_gradient",
+    "polished",
     "use",
     "verify",
 ]

@@ -28,12 +28,12 @@ _TEXT: dict[str, Callable[[str, Reading], Any]] = {".zmx": zemax.read, ".seq": c
 #: Ends of the names of files that are lenses.
 SUFFIXES = (*_TEXT, ".json")
 _LAMP = "a lamp, and no lens: read it by nsq_gpu.sources.TabulatedSource.from_file"
+_SOLID = "a solid: nsq_gpu.from_step reads mounts and baffles as meshes; a lens needs its radii, from a lens file"
 #: What to do with other files.
 _INSTEAD = {
     ".zar": "unpack the archive, and read the .zmx file in it", ".zos": "save the lens as .zmx", ".zmf": "a catalogue of lenses: save one as .zmx",
     ".lens": "save the lens as CODE V's .seq", ".roa": "save the lens of rayoptics as .zmx or .seq", ".agf": "a catalogue of glasses, and no lens",
-    ".stl": "a mesh: build a scene with it", ".step": "a solid: save it as a mesh (.stl), and build a scene with it",
-    ".stp": "a solid: save it as a mesh (.stl), and build a scene with it", ".json5": "a scene: nsq-gpu trace reads it",
+    ".stl": "a mesh: build a scene with it", ".step": _SOLID, ".stp": _SOLID, ".json5": "a scene: nsq-gpu trace reads it",
     ".ies": _LAMP, ".ldt": _LAMP}
 
 
