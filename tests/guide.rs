@@ -533,6 +533,12 @@ fn wrong_guides_are_named() {
     let kept = problem(&["trace", &plate, "-n", "100", "--guide", "--guide-to", &write("mine.txt", "mine")]);
     assert!(kept.contains("mine.txt"), "{kept}");
     assert_eq!(std::fs::read_to_string(path("mine.txt")).unwrap(), "mine");
+    let new = path("new.json");
+    let none = problem(&["diff", &plate, &plate, "-n", "100", "--guide", "--guide-to", &new]);
+    assert!(none.contains("a difference writes no guide"), "{none}");
+    let none =
+        problem(&["sweep", &plate, "--set", "S.total_flux=1:2:2", "-n", "100", "--guide", "--guide-to", &new]);
+    assert!(none.contains("a sweep writes no guide"), "{none}");
     for (sampling, said) in [
         (
             serde_json::json!({"guide": {"detector": "DD"}}),

@@ -85,6 +85,7 @@ fn scene(meshes: Vec<Mesh>, surfaces: Vec<Surface>, sources: Vec<Source>) -> Sce
         sources,
         detectors: vec![],
         sampling: Sampling { rr_start_flux: 0.0, ..Sampling::default() },
+        scatter_sampling: Vec::new(),
         allowed: Default::default(),
     }
 }

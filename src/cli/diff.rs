@@ -58,6 +58,7 @@ impl Args {
             let problem = "--scale log: a difference has both signs, and no logarithm; leave --scale out";
             return Err(Error::Usage(problem.into()));
         }
+        self.trace.refuse_guide_to("a difference")?;
         let is_off = self.trace.standard_error == StandardErrorArg::Off;
         match self.trace.of_one_trace().or(is_off.then_some("standard-error")) {
             Some(name) => Err(Error::Usage(format!(

@@ -18,11 +18,13 @@ pub(crate) mod output_file;
 mod paths;
 mod pictures;
 mod progress;
+mod pst;
 mod quantity;
 mod schema;
 mod serve;
 mod shader;
 mod stops;
+mod surfaces;
 mod sweep;
 mod trace;
 mod trace_args;
@@ -85,6 +87,10 @@ enum Command {
     Shader(shader::Args),
     /// Trace a scene again and again, with some of its numbers changed: a sweep, or a Monte Carlo of tolerances.
     Sweep(Box<sweep::Args>),
+    /// Say how much of the light of a far point comes to a detector, by the angle off the axis: point source transmittance.
+    Pst(Box<pst::Args>),
+    /// List surfaces by the stray light that they send to a detector: which of them a source lights, and which the detector sees.
+    Surfaces(Box<surfaces::Args>),
     /// Keep a device and compiled shaders, and trace what is asked by messages on stdin and stdout.
     Serve(serve::Args),
     /// Print the JSON Schema of scene files.
@@ -114,6 +120,8 @@ pub fn main() -> ExitCode {
         Command::Lamp(args) => lamp::run(&args),
         Command::Shader(args) => shader::run(&args),
         Command::Sweep(args) => sweep::run(&args),
+        Command::Pst(args) => pst::run(&args),
+        Command::Surfaces(args) => surfaces::run(&args),
         Command::Serve(args) => serve::run(&args),
         Command::Schema => schema::run(),
         Command::Completions(args) => completions::run::<Cli>(&args),

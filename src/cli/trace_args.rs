@@ -7,6 +7,7 @@ use crate::engine::options::MOST_PATH_ROWS;
 use crate::error::{Error, Result};
 use crate::guide::Guide;
 use crate::guide::learn::Wanted;
+use crate::model::scatter_sampling::{Aim, AimTarget, DEFAULT_SHARE, Refusal, resolve, set};
 use crate::model::{PathFilter, ReflectProb, Sampling, SceneIr};
 use crate::program::{Precision, Sampler};
 use crate::run::precision::WantedPrecision;
@@ -103,6 +104,14 @@ pub(crate) struct TraceArgs {
     /// Override the scene's split_depth: rays of fewer events are split at refractive surfaces; 0 splits none.
     #[arg(long, value_name = "N")]
     pub(crate) split_depth: Option<u32>,
+    /// With this probability rays scatter where a share of the light does, at all surfaces or at one; `*` stands for any
+    /// characters. Weights are exact.
+    #[arg(long, value_name = "[SURFACE=]P", value_parser = parse_scatter_prob)]
+    pub(crate) scatter_prob: Vec<(Option<String>, f64)>,
+    /// This share of the rays that a surface scatters goes towards a detector or another surface, 0.5 if none is given. Weights are
+    /// exact. Cones, spheres and disks stand in the scene file.
+    #[arg(long, value_name = "SURFACE=TARGET[:SHARE]", value_parser = parse_scatter_to)]
+    pub(crate) scatter_to: Vec<Aim>,
 }
 
 /// The `--precision` argument.
@@ -218,6 +227,22 @@ fn parse_reflect_prob(text: &str) -> std::result::Result<ReflectProb, String> {
     }
 }
 
+fn parse_scatter_prob(text: &str) -> std::result::Result<(Option<String>, f64), String> {
+    let (name, number) = text.rsplit_once('=').map_or((None, text), |(name, number)| (Some(name), number));
+    let prob = number.parse().map_err(|_| format!("`{number}` is no number; write 0.5, or M1=0.5"))?;
+    Ok((name.map(str::to_owned), prob))
+}
+
+fn parse_scatter_to(text: &str) -> std::result::Result<Aim, String> {
+    let form = || format!("`{text}` names no target; write SURFACE=TARGET or SURFACE=TARGET:SHARE, such as M1=image:0.5");
+    let (surface, rest) = text.split_once('=').ok_or_else(form)?;
+    let (target, share) = match rest.rsplit_once(':') {
+        Some((target, share)) => (target, share.parse().map_err(|_| form())?),
+        None => (rest, DEFAULT_SHARE),
+    };
+    Ok(Aim { surface: surface.into(), target: AimTarget::Named(target.into()), share })
+}
+
 /// The precision that the argument asks for.
 pub fn wanted(precision: PrecisionArg) -> WantedPrecision {
     match precision {
@@ -240,8 +265,14 @@ impl TraceArgs {
     /// The run, with what these arguments ask for.
     pub(crate) fn set<'a>(&self, run: Run<'a>) -> Result<Run<'a>> {
         let options = self.options(run.model())?;
-        let guided_to = Wanted { filter: options.path_filter.clone(), ..Wanted::default() };
-        let mut run = run.options(options).precision(wanted(self.precision));
+        self.set_others(run.options(options), None)
+    }
+
+    /// The run, with what these arguments ask for but for its options. Rays are guided to a detector, if to one.
+    pub(crate) fn set_others<'a>(&self, run: Run<'a>, detector: Option<usize>) -> Result<Run<'a>> {
+        let filter = run.options_so_far().path_filter.clone();
+        let guided_to = Wanted { detector, filter, ..Wanted::default() };
+        let mut run = run.precision(wanted(self.precision));
         if let Some(path) = &self.guide_from {
             run = run.guide_by(Arc::new(Guide::read(path)?));
         } else if self.guide == GuideArg::On {
@@ -259,7 +290,7 @@ impl TraceArgs {
         }
     }
 
-    fn options(&self, ir: &SceneIr) -> Result<TraceOptions> {
+    pub(crate) fn options(&self, ir: &SceneIr) -> Result<TraceOptions> {
         if self.standard_error == StandardErrorArg::Off && self.target_error.is_some() {
             return Err(Error::Usage(
                 "--target-error needs standard errors; leave out --standard-error off".into(),
@@ -311,16 +342,40 @@ impl TraceArgs {
         given.into_iter().find_map(|(name, is_given)| is_given.then_some(name))
     }
 
+    /// Refuses the file of a guide where none is written. `of` says what writes none.
+    pub(crate) fn refuse_guide_to(&self, of: &str) -> Result<()> {
+        match self.guide_to {
+            Some(_) => Err(Error::Usage(format!(
+                "{of} writes no guide; let `nsq-gpu trace SCENE --guide --guide-to FILE` write it, and give it by --guide-from FILE"
+            ))),
+            None => Ok(()),
+        }
+    }
+
     /// The file to which what guided the rays is to go, if there is one.
     pub(crate) fn guide_file(&self, scene: &Path) -> Result<Option<OutputFile>> {
         let place = |path: &PathBuf| OutputFile::new(path, false, scene, |path| Guide::read(path).is_ok());
         self.guide_to.as_ref().map(place).transpose()
     }
 
-    /// Overrides the sampling of a scene.
+    /// What is wrong with an option of scattering, with the option.
+    fn scattering(&self, Refusal { key, problem, remedy }: Refusal) -> Error {
+        let number = key.split(['[', ']']).nth(1).and_then(|number| number.parse::<usize>().ok());
+        let option = match number.and_then(|number| self.scatter_to.get(number)) {
+            Some(Aim { surface, target: AimTarget::Named(target), .. }) => format!("--scatter-to {surface}={target}"),
+            _ => "--scatter-prob".into(),
+        };
+        Error::Usage(format!("{option}: {problem}; {remedy}"))
+    }
+
+    /// Overrides the sampling of a scene. Options of scattering take the place of the file's.
     pub(crate) fn override_sampling(&self, ir: &mut SceneIr) -> Result<()> {
         if let Some(reflect_prob) = self.reflect_prob {
             ir.sampling.reflect_prob = reflect_prob;
+        }
+        if !self.scatter_prob.is_empty() || !self.scatter_to.is_empty() {
+            let found = resolve(ir, &self.scatter_prob, &self.scatter_to).map_err(|refusal| self.scattering(refusal))?;
+            set(ir, found);
         }
         if let Some(rr_start_flux) = self.rr_start_flux {
             if !(0.0..=1e30).contains(&rr_start_flux) {

@@ -38,7 +38,10 @@ const UNIFORM_BYTES: u32 = 1 << 16;
 const MOST_LIVE_IN_TURN: usize = 256;
 
 pub(super) fn roulette_threshold(ir: &SceneIr, options: &TraceOptions) -> f64 {
-    options.min_flux_fraction.max(ir.sampling.rr_start_flux)
+    // Rays that are sent towards rare light on purpose weigh little, and are wanted.
+    let is_default = options.min_flux_fraction == TraceOptions::default().min_flux_fraction;
+    let least = if is_default && !ir.scatter_sampling.is_empty() { 0.0 } else { options.min_flux_fraction };
+    least.max(ir.sampling.rr_start_flux)
 }
 
 /// How the program is composed without additions.

@@ -21,6 +21,7 @@ pub(crate) mod place;
 mod precision;
 pub mod primitives;
 pub mod ray_id;
+pub mod scatter_sampling;
 pub mod sequence;
 pub mod shapes;
 pub mod sides;
@@ -40,6 +41,7 @@ pub use crate::model::detectors::{
 pub use crate::model::mesh::{Mesh, area_vector, unit_normal};
 pub use crate::model::path_filter::PathFilter;
 pub use crate::model::precision::Precision;
+pub use crate::model::scatter_sampling::ScatterSampling;
 pub use crate::model::sequence::{End, Sequence, SequenceKey, Step, StepKind};
 pub use crate::model::shapes::{
     Annulus, Aperture, AsphereProfile, ClippedConic, Conic, Frustum, MeshId, Outline, Shape, ShapeKind,
@@ -70,6 +72,8 @@ pub struct SceneIr {
     pub detectors: Vec<Detector>,
     /// How rare branches are sampled.
     pub sampling: Sampling,
+    /// How scattering is drawn on purpose, surface by surface; nothing where none is.
+    pub scatter_sampling: Vec<ScatterSampling>,
     /// What shaders must allow for beyond what the scene shows.
     pub allowed: Allowance,
 }

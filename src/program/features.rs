@@ -32,6 +32,8 @@ pub struct Features {
     pub bsdfs: Vec<BsdfKind>,
     /// Some BSDF scatters to the far side.
     pub transmissive_lobes: bool,
+    /// Some surface scatters towards targets.
+    pub scatters_to: bool,
     /// More than one wavelength.
     pub polychromatic: bool,
     /// Some medium absorbs.
@@ -115,6 +117,7 @@ impl Features {
                     .any(|c| is_spectral(&c.reflectance) || is_spectral(&c.transmittance)),
             bsdfs,
             transmissive_lobes: bsdf::scatters(ir).any(|s| s.bsdf.transmissive_fraction() > 0.0),
+            scatters_to: ir.scatter_sampling.iter().any(|sampling| !sampling.targets.is_empty()),
             polychromatic: ir.wavelengths.len() > 1,
             bulk_absorption,
             importance,
@@ -172,9 +175,10 @@ impl Features {
         !self.detectors.contains(&function) && borrowers.iter().any(|other| self.detectors.contains(other))
     }
 
-    /// True if some shape, source, BSDF or coating reads a table.
+    /// True if some shape, source, BSDF, target of scattering or coating reads a table.
     pub fn has_tables(&self) -> bool {
         self.clips
+            || self.scatters_to
             || self.aimed
             || self.sources.contains(&SourceFunction::Tabulated)
             || self.shapes.contains(&ShapeKind::Freeform)

@@ -71,6 +71,10 @@ fn table(pattern: &FarFieldPattern, candela: &Array2<f64>) -> (Vec<f64>, Vec<f64
         let end = if is_sphere { at_end } else { of(num_theta - 1) };
         std::iter::once(at_pole).chain((0..num_theta).map(of)).chain([end]).collect()
     };
+    // A lamp of revolution: one plane stands for all.
+    if num_phi == 1 {
+        return (polar, vec![0.0], vec![plane(&|row| candela[(row, 0)])]);
+    }
     // Bins begin at -180 degrees, and planes at 0.
     let column = |number: usize| (number + num_phi / 2) % num_phi;
     let width = 360.0 / num_phi as f64;

@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 use crate::format::plain;
 use crate::gpu::AdapterInfo;
 use crate::guide::Guide;
-use crate::model::{ReflectProb, Sampling, SceneIr};
+use crate::model::{ReflectProb, Sampling, ScatterSampling, SceneIr};
 use crate::placing;
 use crate::result::output::{REPORT, SUMS_MAGIC, TALLY, holds_sums};
 use crate::result::wavelengths_apart;
@@ -90,6 +90,18 @@ fn hash_of(identity: &Identity) -> String {
     identity.guide.as_ref().map_or("none".into(), Guide::hash)
 }
 
+/// Stands between a sampling policy and how scattering was drawn.
+const SCATTERING: &str = ", scattering ";
+
+/// The sampling policy, and how scattering was drawn on purpose, if it was.
+fn sampling_text(ir: &SceneIr) -> String {
+    let policy = format!("{:?}", ir.sampling);
+    match ir.scatter_sampling.is_empty() {
+        true => policy,
+        false => policy + SCATTERING + &serde_json::to_string(&ir.scatter_sampling).unwrap_or_default(),
+    }
+}
+
 /// Marks the identity of sums whose recorded paths are in a file of their own.
 const PATHS_APART: &str = ", in ray_paths.npz alone";
 
@@ -100,7 +112,7 @@ impl Identity {
             version: env!("CARGO_PKG_VERSION").into(),
             scene,
             scene_hash: scene_hash(ir),
-            sampling: format!("{:?}", ir.sampling),
+            sampling: sampling_text(ir),
             num_rays: options.num_rays,
             first_ray: options.first_ray,
             of_rays: options.of_rays,
@@ -123,9 +135,13 @@ impl Identity {
         }
     }
 
-    /// The sampling policy, read from its text; `None` if another version wrote it.
-    pub(crate) fn sampling_policy(&self) -> Option<Sampling> {
-        let fields = self.sampling.strip_prefix("Sampling { ")?.strip_suffix(" }")?;
+    /// The sampling policy, and how scattering was drawn on purpose, read from their text; `None` if another version wrote it.
+    pub(crate) fn sampling_policy(&self) -> Option<(Sampling, Vec<ScatterSampling>)> {
+        let (policy, scattering) = match self.sampling.split_once(SCATTERING) {
+            Some((policy, json)) => (policy, serde_json::from_str(json).ok()?),
+            None => (self.sampling.as_str(), Vec::new()),
+        };
+        let fields = policy.strip_prefix("Sampling { ")?.strip_suffix(" }")?;
         let mut found = Sampling::default();
         for field in fields.split(", ") {
             let (name, value) = field.split_once(": ")?;
@@ -137,7 +153,7 @@ impl Identity {
                 _ => return None,
             }
         }
-        (format!("{found:?}") == self.sampling).then_some(found)
+        (format!("{found:?}") == policy).then_some((found, scattering))
     }
 
     /// The differences that prevent adding the sums of two traces, one line each: `what: theirs there, ours here`.
@@ -412,7 +428,8 @@ pub fn scene_of_hash(ir: SceneIr, hash: u128) -> Option<SceneIr> {
 /// The hash of a scene without its sampling policy. Rust writes every float so that it reads back to the same bits.
 pub fn scene_hash(ir: &SceneIr) -> u128 {
     let mut hash = Fnv(0x6C62_272E_07BB_0142_62B8_2175_6295_C58D);
-    let SceneIr { wavelengths, media, surfaces, meshes, sources, detectors, sampling: _, allowed: _ } = ir;
+    let SceneIr { wavelengths, media, surfaces, meshes, sources, detectors, sampling: _, scatter_sampling: _, allowed: _ } =
+        ir;
     // Writing to Fnv never fails.
     let _ = write!(hash, "{wavelengths:?}{media:?}{surfaces:?}{meshes:?}{sources:?}{detectors:?}");
     hash.0
@@ -422,16 +439,23 @@ pub fn scene_hash(ir: &SceneIr) -> u128 {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use crate::model::scatter_sampling::{Target, TargetShape};
     use crate::result::{DetectorTally, FluxSum, Moments};
     use crate::run::proof::{PartProof, RangeProof};
 
     #[test]
     fn the_sampling_policy_is_read_back() {
         let identity = checkpoint().identity;
+        let ir = crate::Scene::from_json(include_str!("../../docs/example.json")).unwrap().lower().unwrap();
         for reflect_prob in [ReflectProb::Fresnel, ReflectProb::Auto, ReflectProb::Constant(0.1 + 0.2)] {
             let policy = Sampling { reflect_prob, rr_start_flux: 1e-300, split_depth: 7, split_budget: 4.3 };
-            let written = Identity { sampling: format!("{policy:?}"), ..identity.clone() };
-            assert_eq!(written.sampling_policy(), Some(policy));
+            let target = |half_angle| Target { share: 0.1 + 0.2, shape: TargetShape::Cone { axis: [0.1, 0.2, 0.3], half_angle } };
+            let scattering = ScatterSampling { prob: Some(1.0 / 3.0), targets: vec![target(1e-3), target(0.7)] };
+            for scatter_sampling in [vec![], vec![scattering, ScatterSampling::default()]] {
+                let ir = SceneIr { sampling: policy, scatter_sampling: scatter_sampling.clone(), ..ir.clone() };
+                let written = Identity { sampling: sampling_text(&ir), ..identity.clone() };
+                assert_eq!(written.sampling_policy(), Some((policy, scatter_sampling)));
+            }
         }
         for other in
             ["", "Sampling {  }", "Sampling { split_depth: 1 }", "Sampling { other: 1, split_depth: 1 }"]

@@ -19,9 +19,11 @@ mod guiding;
 mod outcome;
 pub mod precision;
 pub mod proof;
+pub mod pst;
 mod session;
 mod status;
 pub mod stopping;
+pub mod surfaces;
 pub mod sweep;
 mod tracer;
 pub mod verify;
@@ -194,6 +196,11 @@ impl<'a> Run<'a> {
     /// The scene as it is traced.
     pub fn model(&self) -> &SceneIr {
         &self.model
+    }
+
+    /// The options as they were asked for so far.
+    pub fn options_so_far(&self) -> &TraceOptions {
+        &self.options
     }
 
     /// Changes the scene that is traced, such as its sampling.

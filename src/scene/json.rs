@@ -35,6 +35,7 @@ pub struct SceneFile {
 
 pub use crate::model::sources::Written as Source;
 pub use crate::model::written::{CoordinateSystem, Material, Spectrum};
+pub use crate::scene::scatter_policy::{ScatterProb, ScatterTo};
 
 /// A compound component, by its `type`.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
@@ -405,6 +406,10 @@ pub struct SamplingPolicy {
     pub rr_start_flux: f64,
     /// To which light rays are guided, if they are.
     pub guide: Option<GuidePolicy>,
+    /// With which probability rays scatter where a share of the light does.
+    pub scatter_prob: Option<ScatterProb>,
+    /// Towards what some of the scattered rays go.
+    pub scatter_to: Vec<ScatterTo>,
 }
 
 /// To which light rays are guided.
@@ -425,6 +430,8 @@ impl Default for SamplingPolicy {
             split_budget: 4.0,
             rr_start_flux: 1e-3,
             guide: None,
+            scatter_prob: None,
+            scatter_to: Vec::new(),
         }
     }
 }

@@ -11,6 +11,7 @@ use crate::scene::Scene;
 use crate::scene::detectors::lowered as lowered_detector;
 use crate::scene::frame::frame_of;
 use crate::scene::json::{self, GuidePolicy, Material};
+use crate::scene::scatter_policy;
 use crate::{Error, Result};
 
 /// To which light a file guides rays.
@@ -31,12 +32,13 @@ impl Scene {
     /// The scene as the tracer sees it.
     ///
     /// # Errors
-    /// [`Error::Scene`] if the file guides rays to light that it cannot have. [`Error::Internal`] if the scene names something that reading it did not resolve.
+    /// [`Error::Scene`] if the file guides rays to light that it cannot have, or scatters them towards what it does not have. [`Error::Internal`] if the scene names something that reading it did not resolve.
     pub fn lower(&self) -> Result<SceneIr> {
         let file = &self.file;
         let none = BTreeMap::new();
         let extras = file.nsq_gpu.as_ref().map_or(&none, |block| &block.detectors);
-        let ir = SceneIr {
+        let policy = file.nsq_gpu.as_ref().map(|block| block.sampling.clone()).unwrap_or_default();
+        let mut ir = SceneIr {
             wavelengths: self.wavelengths.clone(),
             media: self.media.media.clone(),
             surfaces: surfaces(self)?,
@@ -47,11 +49,11 @@ impl Scene {
                 .iter()
                 .map(|written| lowered_detector(written, extras.get(written.name())))
                 .collect(),
-            sampling: sampling(
-                &file.nsq_gpu.as_ref().map(|block| block.sampling.clone()).unwrap_or_default(),
-            ),
+            sampling: sampling(&policy),
+            scatter_sampling: Vec::new(),
             allowed: Allowance::default(),
         };
+        scatter_policy::apply(&policy, &mut ir)?;
         self.guided_light(&ir)?;
         Ok(ir)
     }

@@ -28,6 +28,7 @@ pub mod notes;
 #[allow(clippy::wildcard_enum_match_arm, reason = "JSON's kinds of values are not the scene's")]
 pub(crate) mod parameters;
 pub mod path_expression;
+mod scatter_policy;
 mod surfaces;
 pub(crate) mod units;
 mod validate;

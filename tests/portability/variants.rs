@@ -532,6 +532,7 @@ impl Default for Variant {
             sources: vec![source(SourceKind::Point(Point { half_angle: 0.5 }), 1)],
             detectors: vec![],
             sampling: Sampling { rr_start_flux: 0.0, ..Sampling::default() },
+            scatter_sampling: Vec::new(),
             allowed: Default::default(),
         };
         Variant {

@@ -18,6 +18,7 @@ impl TraceRequest {
         session: &mut Session,
         mut next: impl FnMut(&Status) -> Next,
     ) -> Result<TraceResult> {
+        self.args.refuse_guide_to("a session")?;
         if self.gradient.is_empty() {
             let start = Instant::now();
             let scene = Scene::with_numbers(&self.scene, &self.folder, &self.set);

@@ -109,6 +109,7 @@ pub fn run(args: &Args) -> Result<String> {
             "a sweep lists no paths; leave out --paths on, or keep the light of some paths by --where".into(),
         ));
     }
+    args.trace.refuse_guide_to("a sweep")?;
     let text = Scene::text(&args.scene)?;
     let folder = args.scene.parent().unwrap_or(Path::new("")).to_owned();
     let name = args.scene.display().to_string();

@@ -9,7 +9,7 @@ use serde::Deserialize;
 
 /// Lambert's law.
 pub const LAMBERTIAN: BsdfWgsl =
-    BsdfWgsl { name: "lambertian", file: shader!("bsdfs/lambertian.wgsl"), shared: None, has_table: false };
+    BsdfWgsl { name: "lambertian", file: shader!("bsdfs/lambertian.wgsl"), shared: None, has_table: false, toward: &[shader!("scatter_to/lambertian.wgsl")], };
 
 /// Cosine-weighted over the hemisphere.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]

@@ -69,6 +69,10 @@ pub struct BsdfWgsl {
     pub shared: Option<ShaderFile>,
     /// True if it reads [`Scattering::table`], which begins at `tables[surface.bsdf_table]`.
     pub has_table: bool,
+    /// The files that say how it draws a direction, so that a target may take part: the last one has
+    /// `toward_<name>(s: Scattering, surface: Surface, direction: vec3<real>) -> Toward` (shaders/scatter_to). None where
+    /// directions have no density, as those of a mirror.
+    pub toward: &'static [ShaderFile],
 }
 
 /// What the program, the checks of scenes and the engine ask of a BSDF.

@@ -15,7 +15,7 @@ pub const RETRO: BsdfWgsl = BsdfWgsl {
         text: include_str!("../../../tests/fixtures/retro.wgsl"),
     },
     shared: None,
-    has_table: false,
+    has_table: false, toward: &[],
 };
 
 /// Rays go back where they came from.

@@ -13,7 +13,7 @@ use std::path::Path;
 
 /// The table.
 pub const TABULATED: BsdfWgsl =
-    BsdfWgsl { name: "tabulated", file: shader!("bsdfs/tabulated.wgsl"), shared: None, has_table: true };
+    BsdfWgsl { name: "tabulated", file: shader!("bsdfs/tabulated.wgsl"), shared: None, has_table: true, toward: &[shader!("scatter_to/tabulated.wgsl")], };
 
 /// Largest file of a table \[bytes\].
 const MAX_FILE_BYTES: u64 = 64 << 20;

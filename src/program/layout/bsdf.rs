@@ -1,7 +1,7 @@
 //! BSDFs for the shaders: where the numbers of all of them lie, as columns of the surfaces' records and in one buffer of
 //! tables. What the numbers are, each file of [`crate::model::bsdfs`] says.
 
-use crate::model::{Bsdf, BsdfKind, Scatter, SceneIr, Surface};
+use crate::model::{Bsdf, BsdfKind, Scatter, ScatterSampling, SceneIr, Surface};
 use crate::program::layout::kind_tables::Places;
 use crate::program::layout::row_table::RowTable;
 
@@ -15,7 +15,8 @@ pub fn scatters(ir: &SceneIr) -> impl Iterator<Item = &Scatter> {
     ir.surfaces.iter().filter_map(|surface| surface.scatter.as_ref())
 }
 
-/// How the branch of scattering is drawn: with Optiland's clipped fraction, and weights that undo the clipping.
+/// How the branch of scattering is drawn: with Optiland's clipped fraction or a probability of the user's, and weights that undo
+/// either.
 struct Branch {
     fraction: f64,
     scatter_weight: f64,
@@ -23,21 +24,24 @@ struct Branch {
 }
 
 impl Branch {
-    fn of(surface: &Surface) -> Self {
+    fn of(surface: &Surface, sampling: Option<&ScatterSampling>) -> Self {
         const LEAST: f64 = 1e-6;
         let wanted = surface.scatter.as_ref().map_or(0.0, |scatter| scatter.fraction);
-        let fraction = wanted.clamp(LEAST, 1.0 - LEAST);
+        let chosen = sampling.and_then(|sampling| sampling.prob);
+        let fraction = chosen.unwrap_or(wanted).clamp(LEAST, 1.0 - LEAST);
         Branch { fraction, scatter_weight: wanted / fraction, pass_weight: (1.0 - wanted) / (1.0 - fraction) }
     }
 }
 
-/// Adds what shaders/stages/scatter.on.wgsl and shaders/bsdfs/ read of a surface.
+/// Adds what shaders/stages/scatter.on.wgsl, shaders/bsdfs/ and shaders/scatter_to/ read of a surface.
 pub fn put_columns(records: &mut RowTable, ir: &SceneIr, kinds: &[BsdfKind], places: &Places) {
     if kinds.is_empty() {
         return;
     }
     let bsdfs = || ir.surfaces.iter().map(|surface| surface.scatter.as_ref().map(|scatter| &scatter.bsdf));
-    let branches: Vec<Branch> = ir.surfaces.iter().map(Branch::of).collect();
+    let samplings = || ir.scatter_sampling.iter().map(Some).chain(std::iter::repeat(None));
+    let branches = ir.surfaces.iter().zip(samplings()).map(|(surface, sampling)| Branch::of(surface, sampling));
+    let branches: Vec<Branch> = branches.collect();
     records.uint("bsdf", bsdfs().map(|bsdf| bsdf.map_or(0, |bsdf| bsdf.kind().code())));
     records.real("scatter_fraction", branches.iter().map(|branch| branch.fraction));
     records.real("scatter_weight", branches.iter().map(|branch| branch.scatter_weight));
@@ -55,6 +59,14 @@ pub fn put_columns(records: &mut RowTable, ir: &SceneIr, kinds: &[BsdfKind], pla
     }
     for (name, values) in columns(ir, kinds, |bsdf| bsdf.counts()) {
         records.uint(name, values);
+    }
+    if ir.scatter_sampling.iter().any(|sampling| !sampling.targets.is_empty()) {
+        let rows = || ir.surfaces.iter().zip(&ir.scatter_sampling);
+        let start_of = |(surface, sampling): (&Surface, &ScatterSampling)| {
+            places.start_of(&sampling.table(surface.frame.origin)).unwrap_or(0) as u32
+        };
+        records.uint("targets", rows().map(start_of));
+        records.uint("num_targets", rows().map(|(_, sampling)| sampling.targets.len() as u32));
     }
 }
 

@@ -1,4 +1,5 @@
-//! The buffer of shaders/optics/tables.wgsl: tables of shapes and sources, then those of BSDFs and of coatings.
+//! The buffer of shaders/optics/tables.wgsl: tables of shapes and sources, then those of BSDFs, of what surfaces scatter
+//! towards, and of coatings.
 
 use crate::error::{Error, Result};
 use crate::model::{Coating, SceneIr, Shape, Source};
@@ -35,6 +36,9 @@ impl Places {
         let scatters = ir.surfaces.iter().filter_map(|surface| surface.scatter.as_ref());
         for scatter in scatters.filter(|scatter| scatter.bsdf.kind().has_table()) {
             places.add(&scatter.bsdf.table());
+        }
+        for (surface, sampling) in ir.surfaces.iter().zip(&ir.scatter_sampling) {
+            places.add(&sampling.table(surface.frame.origin));
         }
         // Where a coating is a table, all are.
         let coatings = || ir.surfaces.iter().filter_map(|surface| surface.coating.as_ref());

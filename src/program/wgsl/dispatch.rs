@@ -3,7 +3,7 @@
 use crate::error::Result;
 use crate::model::shapes::Normal;
 use crate::model::shapes::plane::FLAT;
-use crate::model::{ReflectProb, ShapeKind};
+use crate::model::{BsdfKind, ReflectProb, ShapeKind};
 use crate::program::layout::reals::literal;
 use crate::program::wgsl::composition::Composition;
 use std::fmt::Write;
@@ -63,18 +63,20 @@ impl Composition<'_> {
         text
     }
 
-    /// Dispatch over the kinds of BSDFs.
+    /// Dispatch over the kinds of BSDFs: over what draws a direction and, where rays scatter towards targets, over what says how
+    /// it is drawn (shaders/scatter_to).
     fn sample_bsdf(&self) -> String {
-        let Some((last, others)) = self.features.bsdfs.split_last() else {
-            return String::new();
-        };
-        let mut text = String::from("fn plain_sample_bsdf(s: Scattering, surface: Surface) -> Lobe {\n");
-        for kind in others {
-            let (code, name) = (*kind as u32, kind.name());
-            let _ = writeln!(text, "    if surface.bsdf == {code}u {{ return sample_{name}(s, surface); }}");
+        let kinds = &self.features.bsdfs;
+        let sample = |name: &str| format!("sample_{name}(s, surface)");
+        if !self.features.scatters_to {
+            return by_bsdf(kinds, "plain_sample_bsdf(s: Scattering, surface: Surface) -> Lobe", sample);
         }
-        let _ = writeln!(text, "    return sample_{}(s, surface);\n}}", last.name());
-        text
+        let draws = by_bsdf(kinds, "bsdf_lobe(s: Scattering, surface: Surface) -> Lobe", sample);
+        let towards = kinds.iter().filter(|kind| !kind.wgsl().toward.is_empty());
+        let towards: Vec<BsdfKind> = towards.copied().collect();
+        let head = "bsdf_toward(s: Scattering, surface: Surface, direction: vec3<real>) -> Toward";
+        let call = |name: &str| format!("toward_{name}(s, surface, direction)");
+        draws + &by_bsdf(&towards, head, call)
     }
 
     /// The probability with which reflection is drawn, where that is not the reflectance itself.
@@ -89,6 +91,19 @@ impl Composition<'_> {
         };
         Ok(format!("fn reflect_probability(reflectance: real) -> real {{\n    return {probability};\n}}\n"))
     }
+}
+
+/// A function that calls one for the kind of the surface's BSDF, the last kind without a test; none where there is no kind.
+fn by_bsdf(kinds: &[BsdfKind], head: &str, call: impl Fn(&str) -> String) -> String {
+    let Some((last, others)) = kinds.split_last() else {
+        return String::new();
+    };
+    let mut text = format!("fn {head} {{\n");
+    for kind in others {
+        let _ = writeln!(text, "    if surface.bsdf == {}u {{ return {}; }}", *kind as u32, call(kind.name()));
+    }
+    let _ = writeln!(text, "    return {};\n}}", call(last.name()));
+    text
 }
 
 /// A `Quadric` in WGSL that gives the distance of a point `o` from a shape with these arguments. A shape that is no

@@ -78,7 +78,13 @@ const SLOTS: &[Slot] = slots! { c;
     "stages/queue_entry"        [plain]                               c.o.has_queue() => plain;
     "stages/rays"               [one, several @ "cpu/rays"]      true => either(c.o.rays_per_invocation(c.f) == 1, one, several);
     "stages/rounds"             [many @ "cpu/rounds", few]       true => either(c.o.has_many_rounds(c.f), many, few);
-    "stages/scatter"            [on, none]                            true => either(!c.f.bsdfs.is_empty(), on, none);
+    "stages/scatter"            [on, to, none]                        true => match (c.f.bsdfs.is_empty(), c.f.scatters_to) {
+        (true, _) => none,
+        (false, true) => to,
+        (false, false) => on,
+    };
+    "stages/scattering"         [plain]                               !c.f.bsdfs.is_empty() => plain;
+    "scatter_to/lobe"           [mixed]                               c.f.scatters_to => mixed;
     "stages/compact"            [on, none]                            true => either(c.o.has_queue(), on, none);
     "stages/queued_ray"         [alone, mesh, contact, mesh_contact]  c.o.has_queue() => match (c.has_meshes(), c.has_contacts()) {
         (false, false) => alone,
@@ -232,6 +238,10 @@ impl Composition<'_> {
             let shared =
                 kind.wgsl().shared.filter(|shared| files.iter().all(|known| known.path != shared.path));
             files.extend(shared.into_iter().chain([kind.wgsl().file]));
+            let toward = kind.wgsl().toward.iter().filter(|_| self.features.scatters_to);
+            let new = toward.filter(|toward| files.iter().all(|known| known.path != toward.path)).copied();
+            let new: Vec<ShaderFile> = new.collect();
+            files.extend(new);
         }
         Ok(files)
     }

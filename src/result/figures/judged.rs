@@ -53,7 +53,7 @@ pub fn judge(result: &TraceResult, detector: &Detector, asked: &Asked) -> Result
         true => angles(&field, &total),
         false => Named::new(),
     };
-    whole.extend(evenness(&coarse, &everywhere, total.error.is_some()));
+    whole.extend(evenness(&coarse, &everywhere, None, total.error.is_some()));
     if is_far_field {
         // Over all directions, evenness says nothing.
         whole.retain(|name, _| name == "max" || name.ends_with("_deg"));
@@ -202,9 +202,22 @@ fn pixels_of(field: &Field, [columns, rows]: [usize; 2], detector: &Detector) ->
     )))
 }
 
-/// Least, mean and largest value, and how even that is, over the cells that belong to a part by half at least.
-fn evenness(field: &Field, shares: &Array2<f64>, has_errors: bool) -> Named {
+/// Least, mean and largest value, and how even that is. Least and largest are those of the cells that belong to a part by half at
+/// least. The mean is `mean`, the flux of the part over its size, which noise moves as it moves the cells.
+fn evenness(field: &Field, shares: &Array2<f64>, mean: Option<f64>, has_errors: bool) -> Named {
     let is_polar = field.geometry == CellGeometry::Polar;
+    let mean_of_cells = |field: &Field| {
+        let (mut flux, mut size) = (0.0, 0.0);
+        for (cell, &share) in shares.indexed_iter() {
+            flux += share * field.flux_of(cell);
+            size += share * field.measure[cell.0];
+        }
+        (size > 0.0).then(|| flux / size)
+    };
+    let scale = mean.zip(mean_of_cells(field)).map_or(1.0, |(mean, of_cells)| match of_cells > 0.0 {
+        true => mean / of_cells,
+        false => 1.0,
+    });
     let of = |field: &Field| {
         let equal;
         let field = if is_polar {
@@ -214,14 +227,11 @@ fn evenness(field: &Field, shares: &Array2<f64>, has_errors: bool) -> Named {
             field
         };
         let (mut least, mut peak) = (f64::INFINITY, f64::NEG_INFINITY);
-        let (mut flux, mut size) = (0.0, 0.0);
-        for (cell, &share) in shares.indexed_iter().filter(|(_, share)| **share >= 0.5) {
+        for (cell, _) in shares.indexed_iter().filter(|(_, share)| **share >= 0.5) {
             least = least.min(field.values[cell]);
             peak = peak.max(field.values[cell]);
-            flux += share * field.flux_of(cell);
-            size += share * field.measure[cell.0];
         }
-        let mean = (size > 0.0).then(|| flux / size);
+        let mean = mean_of_cells(field).map(|mean| scale * mean);
         let ratio = |value: f64| value.is_finite().then_some(value);
         [
             least.is_finite().then_some(least),
@@ -309,8 +319,11 @@ fn of_region(region: Region, field: &Field, coarse: &Field, total: &Total) -> Re
     if !shares.iter().any(|share| *share > 0.0) {
         return Err(Error::Usage("a region lies outside of the map".into()));
     }
-    let mut figures = evenness(coarse, &region.shares(coarse), total.error.is_some());
     let (flux, share) = total.of_part(field, &shares);
+    let size: f64 = shares.indexed_iter().map(|((row, _), share)| share * field.measure[row]).sum();
+    let mean = flux.value / size;
+    let mut figures = evenness(coarse, &region.shares(coarse), Some(mean), total.error.is_some());
+    figures.insert("mean".into(), Figure::unmoved(mean, flux.standard_error.map(|error| error / size)));
     figures.insert("flux".into(), flux);
     figures.extend(share.map(|share| ("share".to_string(), share)));
     Ok(RegionFigures { region, figures })

@@ -156,6 +156,9 @@ impl Differentiated {
         if crate::model::surface_optics::splits(&self.ir) {
             return refused("split rays (split_depth)");
         }
+        if !self.ir.scatter_sampling.is_empty() {
+            return refused("rays that scatter on purpose (scatter_prob, scatter_to)");
+        }
         Ok(())
     }
 

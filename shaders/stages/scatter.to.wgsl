@@ -1,0 +1,46 @@
+// Stage scatter where some rays go towards targets (scatter_to/lobe.wgsl): a BSDF is then also asked where the ray is. Twin
+// of scatter.on.wgsl.
+
+// The surface has no BSDF. The other codes are those of model::BsdfKind.
+const SMOOTH: u32 = 0u;
+
+// The input of a BSDF. A mirror scatters the incident ray. A refractive surface scatters the ray that Fresnel's branch
+// sends on, as in Optiland. The normal faces the ray as it was before reflection or refraction.
+struct Scattering {
+    key: RayKey,
+    step: u32,
+    incident: vec3<real>,
+    normal: vec3<real>,
+    position: vec3<real>,
+}
+
+struct Lobe {
+    direction: vec3<real>,
+    weight: real,
+}
+
+// Draws whether the ray scatters, with the clipped fraction. The weights of both branches undo the clipping (on the
+// host: program::layout::bsdf::Branch).
+fn plain_scatter(ray: ptr<function, Ray>, surface: Surface, n_geometric: vec3<real>, incoming: vec3<real>) {
+    if surface.bsdf == SMOOTH {
+        return;
+    }
+    let key = (*ray).key;
+    let step = (*ray).bounce;
+    var share = surface.pass_weight;
+    if below(draw(key, SCATTER_BRANCH, step), surface.scatter_fraction) {
+        let n = select(n_geometric, -n_geometric, dot(incoming, n_geometric) > 0.0);
+        let incident = select((*ray).direction, incoming, surface.interaction == REFLECTIVE);
+        let lobe = sample_bsdf(Scattering(key, step, incident, n, (*ray).position), surface);
+        (*ray).direction = lobe.direction;
+        share = surface.scatter_weight * lobe.weight;
+        if HAS_REFRACTIVE && surface.interaction == REFRACTIVE {
+            enter_side(ray, surface, n_geometric);
+        }
+    }
+    let before = (*ray).weight;
+    let after = before * share;
+    deposit_loss(CELL_BSDF, before, after);
+    deposit_loss(CELL_BSDF_GAIN, after, before);
+    (*ray).weight = after;
+}
