@@ -46,8 +46,10 @@ pub fn run(args: &Args) -> Result<String> {
     let choice = AdapterChoice { name: args.adapter.clone(), native: Native::Allowed, ..Default::default() };
     let options = trace.options(&model)?;
     let next = |_: &_| if stop.load(Ordering::Relaxed) { Next::Cancel } else { Next::GoOn };
-    let ask = |run| trace.set_others(run, None);
-    let found = blame(&scene, &model, &args.detector, &mut Session::new(choice), &options, ask, next)?;
+    let how = (&options, trace.path_rows()?);
+    let mut session = Session::new(choice);
+    let found =
+        blame((&scene, &model), &args.detector, &mut session, how, |run| trace.set_others(run, None), next)?;
     if args.json {
         let entry = |Blame { name, receives, sends: [flux, error], seen }: &Blame| {
             json!({"name": name, "receives": receives, "sends": flux, "sends_standard_error": error, "seen": seen})

@@ -2,21 +2,21 @@
 //!
 //! PST is the mean irradiance on the detector over the irradiance of the beam on a plane across it (Fest, Stray Light Analysis
 //! and Control, SPIE 2013, section 2.2). The beam is turned about a pivot, angle by angle; a compiled shader serves all of them.
-//! Standard errors are those of the means of rounds, which have draws of their own: single rays may weigh less than squares can
-//! be summed for.
+//! Standard errors are those between rounds of rays: single rays may weigh less than squares can be summed for.
 
 use crate::error::{Error, Result};
 use crate::format::shown;
 use crate::model::place::did_you_mean;
 use crate::model::shapes::Outline;
 use crate::model::sources::collimated::Collimated;
-use crate::model::{Frame, SceneIr, SourceKind, StepKind};
+use crate::model::{End, Frame, SceneIr, SourceKind, Step, StepKind};
 use crate::result::Tally;
 use crate::run::{Collect, Next, Run, Session, Status, TraceOptions};
 use crate::scene::Scene;
 use glam::{DMat3, DVec3};
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
+use std::time::Duration;
 
 /// What is asked for.
 pub struct Pst<'a> {
@@ -94,10 +94,12 @@ pub struct Transmittances {
 
 /// Scatterings that are told apart.
 const ORDERS: usize = 4;
-/// Fewest rounds, and their rays.
-const FEWEST_ROUNDS: u64 = 16;
+/// Rounds of a direction, and their rays, where all rays are traced.
+const ROUNDS: u64 = 64;
 const FEWEST_RAYS: u64 = 1 << 12;
 const MOST_RAYS: u64 = 1 << 17;
+/// An error is believed from so many rounds on.
+const FEWEST_ROUNDS: u64 = 16;
 /// An error is believed where so many rays came.
 const FEWEST_HITS: u64 = 100;
 
@@ -146,40 +148,29 @@ impl Pst<'_> {
         next: &mut impl FnMut(&Status) -> Next,
         warnings: &mut Vec<String>,
     ) -> Result<PstPoint> {
-        let options = &self.options;
         let (model, pst_per_share) = beam.towards(direction);
-        let of_round = match self.target_error {
-            None => options.num_rays.div_ceil(FEWEST_ROUNDS),
-            Some(_) => (options.num_rays / 256).clamp(FEWEST_RAYS, MOST_RAYS),
+        let num_rays = self.options.num_rays;
+        let options = TraceOptions {
+            collect: Collect::Paths { rows: self.path_rows, ends: false },
+            batch_size: Some((num_rays / ROUNDS).clamp(FEWEST_RAYS, MOST_RAYS) as u32),
+            may_end_early: true,
+            ..self.options.clone()
         };
-        let (mut rounds, mut guide) = (Rounds::default(), None);
-        while rounds.num_rays < options.num_rays {
-            let num_rays = of_round.min(options.num_rays - rounds.num_rays);
-            let round = TraceOptions {
-                num_rays,
-                // The increment of SplitMix64 (Steele et al., Fast splittable pseudorandom number generators, OOPSLA 2014).
-                seed: options.seed.wrapping_add(0x9E37_79B9_7F4A_7C15_u64.wrapping_mul(rounds.count)),
-                collect: Collect::Paths { rows: self.path_rows, ends: false },
-                ..options.clone()
-            };
-            let mut run = session.run(ask(Run::of(self.scene, &model).options(round))?, Some(true))?;
-            // A pilot's guide is good for all rounds of a direction.
-            if let Some(guide) = guide.take() {
-                run = run.guide_by(guide);
+        // A pass is a round: of one dispatch.
+        let run = session.run(ask(Run::of(self.scene, &model).options(options))?, Some(true))?;
+        let mut rounds = Rounds::default();
+        let outcome = run.pass_time(Duration::ZERO).go_with(|pass| {
+            let wanted = next(&pass.status);
+            if wanted != Next::GoOn {
+                return Ok(Next::Cancel);
             }
-            let outcome = run.go_with(|pass| Ok(next(&pass.status)))?;
-            guide.clone_from(&outcome.options.guide);
-            let result = &outcome.result;
-            for warning in result.run.scene_warnings.iter().chain(&result.diagnostics.grave) {
-                if !warnings.contains(warning) {
-                    warnings.push(warning.clone());
-                }
-            }
-            rounds.add(&outcome.tally, beam.detector);
-            if let Some(target) = self.target_error
-                && rounds.is_reached(target)
-            {
-                break;
+            rounds.add(pass.tally()?, beam.detector);
+            Ok(if self.target_error.is_some_and(|target| rounds.is_reached(target)) { Next::Stop } else { Next::GoOn })
+        })?;
+        let result = &outcome.result;
+        for warning in result.run.scene_warnings.iter().chain(&result.diagnostics.grave) {
+            if !warnings.contains(warning) {
+                warnings.push(warning.clone());
             }
         }
         let is_reached = self.target_error.is_none_or(|target| rounds.is_reached(target));
@@ -309,59 +300,70 @@ enum Key {
     Unknown,
 }
 
-/// Sums over rounds of shares of the launched light, and of their squares.
+/// What rounds brought, each to its end: the weight of the launched rays, and the light by its key \[quanta\].
 #[derive(Debug, Default)]
 struct Rounds {
-    count: u64,
     num_rays: u64,
     num_hits: u64,
-    sums: BTreeMap<Key, [f64; 2]>,
+    launched: Vec<f64>,
+    light: Vec<BTreeMap<Key, f64>>,
 }
 
 impl Rounds {
+    /// Adds a round, after which the sums are these.
     fn add(&mut self, tally: &Tally, detector: usize) {
-        let mut shares: BTreeMap<Key, f64> = BTreeMap::new();
-        let launched = tally.launched.quanta.max(1) as f64;
+        // Where paths turned out to be too many for the table, the trace began anew.
+        if tally.launched.count <= self.num_rays {
+            *self = Rounds::default();
+        }
+        let mut light: BTreeMap<Key, f64> = BTreeMap::new();
+        self.num_hits = 0;
         if let Some(sums) = &tally.path_sums {
-            for (sequence, sum) in sums.rows.iter().filter(|(sequence, _)| sequence.end.detector() == Some(detector)) {
-                let share = sum.quanta as f64 / launched;
+            let on_detector = |end: &End| end.detector() == Some(detector);
+            for (sequence, sum) in sums.rows.iter().filter(|(sequence, _)| on_detector(&sequence.end)) {
                 let order = sequence.scatterings().min(ORDERS - 1);
-                let first = sequence.steps.iter().find(|step| {
-                    matches!(step.kind, StepKind::ScatteredThrough | StepKind::ScatteredBack)
-                });
-                let first = first.map(|step| Key::FirstScatterer(step.surface));
+                let scatters =
+                    |step: &&Step| matches!(step.kind, StepKind::ScatteredThrough | StepKind::ScatteredBack);
+                let first = sequence.steps.iter().find(scatters).map(|step| Key::FirstScatterer(step.surface));
                 for key in [Some(Key::All), Some(Key::Order(order)), first].into_iter().flatten() {
-                    *shares.entry(key).or_default() += share;
+                    *light.entry(key).or_default() += sum.quanta as f64;
                 }
                 self.num_hits += sum.count;
             }
-            for (_, sum) in sums.other.iter().filter(|(end, _)| end.detector() == Some(detector)) {
-                let share = sum.quanta as f64 / launched;
-                *shares.entry(Key::All).or_default() += share;
-                *shares.entry(Key::Unknown).or_default() += share;
+            for (_, sum) in sums.other.iter().filter(|(end, _)| on_detector(end)) {
+                for key in [Key::All, Key::Unknown] {
+                    *light.entry(key).or_default() += sum.quanta as f64;
+                }
                 self.num_hits += sum.count;
             }
         }
-        for (key, share) in shares {
-            let [sum, squares] = self.sums.entry(key).or_default();
-            *sum += share;
-            *squares += share * share;
-        }
-        self.count += 1;
-        self.num_rays += tally.launched.count;
+        self.num_rays = tally.launched.count;
+        self.launched.push(tally.launched.quanta as f64);
+        self.light.push(light);
     }
 
-    /// The mean of the rounds, and its standard error.
+    /// The share of the launched light, and its standard error between rounds (Cochran, Sampling Techniques, 1977, section 6.3: a
+    /// ratio of means).
     fn part(&self, key: Key) -> Part {
-        let [sum, squares] = self.sums.get(&key).copied().unwrap_or_default();
-        let count = self.count.max(1) as f64;
-        let variance = (squares - sum * sum / count).max(0.0) / (count * (count - 1.0).max(1.0));
-        Part { pst: sum / count, standard_error: variance.sqrt() }
+        let after = |round: usize| self.light[round].get(&key).copied().unwrap_or(0.0);
+        let (Some(last), Some(&all)) = (self.light.len().checked_sub(1), self.launched.last()) else {
+            return Part::default();
+        };
+        let share = after(last) / all;
+        let (mut before, mut squares) = ([0.0, 0.0], 0.0);
+        for round in 0..=last {
+            let here = [after(round), self.launched[round]];
+            squares += (here[0] - before[0] - share * (here[1] - before[1])).powi(2);
+            before = here;
+        }
+        let count = self.light.len() as f64;
+        let variance = squares * count / (count - 1.0).max(1.0);
+        Part { pst: share, standard_error: variance.sqrt() / all }
     }
 
     fn is_reached(&self, target: f64) -> bool {
         let Part { pst, standard_error } = self.part(Key::All);
-        self.count >= FEWEST_ROUNDS && self.num_hits >= FEWEST_HITS && standard_error <= target * pst
+        self.light.len() as u64 >= FEWEST_ROUNDS && self.num_hits >= FEWEST_HITS && standard_error <= target * pst
     }
 
     fn point(&self, direction: Direction, model: &SceneIr, pst_per_share: f64, is_reached: bool) -> PstPoint {
@@ -370,8 +372,10 @@ impl Rounds {
             Part { pst: pst * pst_per_share, standard_error: standard_error * pst_per_share }
         };
         let mut by_first_scatterer: Vec<(String, Part)> = self
-            .sums
-            .keys()
+            .light
+            .last()
+            .into_iter()
+            .flat_map(BTreeMap::keys)
             .filter_map(|key| match *key {
                 Key::FirstScatterer(surface) => Some((model.surface_name(surface as usize), part(*key))),
                 Key::All | Key::Order(_) | Key::Unknown => None,

@@ -33,16 +33,17 @@ const SCATTERS_MOST: f64 = 0.5;
 /// Most rays of the traces that record where rays go.
 const MOST_RECORDED: u64 = 200_000;
 
-/// What each surface has to do with a detector, those first that send most to it.
+/// What each surface of a scene, and of what [`Scene::lower`] made of it, has to do with a detector, those first that send most to it.
+/// `options` say how many rays are traced, and their table of paths has so many rows. `ask` and `next` are those of
+/// [`crate::run::pst::Pst::go`].
 ///
 /// # Errors
 /// [`Error::Usage`] if there is no such detector. [`Error::Interrupted`] if a trace was cancelled. Those of [`Run::go`].
 pub fn blame(
-    scene: &Scene,
-    model: &SceneIr,
+    (scene, model): (&Scene, &SceneIr),
     detector: &str,
     session: &mut Session,
-    options: &TraceOptions,
+    (options, path_rows): (&TraceOptions, u32),
     mut ask: impl for<'r> FnMut(Run<'r>) -> Result<Run<'r>>,
     mut next: impl FnMut(&Status) -> Next,
 ) -> Result<Vec<Blame>> {
@@ -66,11 +67,8 @@ pub fn blame(
     };
     let lit = go(&specular, recorded(options.num_rays), RecordPaths::All)?;
     let seen = go(&backward, recorded(options.num_rays), RecordPaths::All)?;
-    let rows = match options.collect {
-        Collect::Paths { rows, .. } => Collect::Paths { rows, ends: false },
-        Collect::Light | Collect::Tangents(_) | Collect::Adjoints => Collect::paths(),
-    };
-    let all = go(model, TraceOptions { collect: rows, ..options.clone() }, RecordPaths::None)?;
+    let by_path = TraceOptions { collect: Collect::Paths { rows: path_rows, ends: false }, ..options.clone() };
+    let all = go(model, by_path, RecordPaths::None)?;
     let receives = met(&lit.result, false)?;
     let seen = met(&seen.result, true)?;
     let mut sends = vec![[0.0, 0.0]; model.surfaces.len()];
