@@ -88,6 +88,8 @@ const OPTIONS: &[(&str, Handed)] = &[
     ("rr-start-flux", Changes(&["--rr-start-flux=0.99"])),
     ("reflect-prob", Changes(&["--reflect-prob=0.5"])),
     ("split-depth", Refused(&["--split-depth=1"], "split rays")),
+    ("scatter-prob", Refused(&["--scatter-prob=0.5"], "no surface scatters")),
+    ("scatter-to", Refused(&["--scatter-to=L1.front=film"], "--scatter-to L1.front=film")),
     ("checkpoint", Refused(&["--checkpoint=sums.bin"], "--checkpoint")),
     ("overwrite", Refused(&["--overwrite"], "--overwrite")),
     ("checkpoint-interval", Refused(&["--checkpoint-interval=1s"], "--checkpoint-interval")),

@@ -126,6 +126,11 @@ pub fn resolve(
             return refusal("scatter_prob", problem, "give a number between 0 and 1, such as 0.5");
         }
         let of_all = name.is_none();
+        let has_some = |scatter: &Scatter| scatter.fraction > 0.0 && scatter.fraction < 1.0;
+        if of_all && !ir.surfaces.iter().filter_map(|surface| surface.scatter.as_ref()).any(has_some) {
+            let problem = "no surface scatters a part of its light".into();
+            return refusal("scatter_prob", problem, "give one a `bsdf` and a scatter_fraction below 1, or leave it out");
+        }
         for surface in surfaces(ir, name.as_deref().unwrap_or("*"), "scatter_prob", of_all)? {
             let fraction = scatter_of(ir, surface).map_or(0.0, |scatter| scatter.fraction);
             if fraction > 0.0 && fraction < 1.0 {

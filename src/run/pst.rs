@@ -261,6 +261,10 @@ impl<'a> Beam<'a> {
         }
         let radius = uniform_beam(&source.kind).unwrap_or(1.0);
         model.sources = vec![source];
+        // A far field around the scene would take the beam before it is in.
+        for (number, detector) in model.detectors.iter_mut().enumerate() {
+            detector.absorb &= number == self.detector || detector.outline() != Outline::Infinite;
+        }
         (model, PI * radius * radius / self.area)
     }
 }

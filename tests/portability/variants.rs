@@ -10,6 +10,7 @@ use nsq_gpu::model::Apart;
 use nsq_gpu::model::ShapeKind;
 use nsq_gpu::model::StepKind;
 use nsq_gpu::model::path_filter::{Count, Events, Mark, Part, PathFilter, Pattern, Relation, Term};
+use nsq_gpu::model::scatter_sampling::{Target, TargetShape};
 use nsq_gpu::model::shapes::aperture::{ApertureOutline, Axes};
 use nsq_gpu::model::shapes::freeform::Polynomial;
 use nsq_gpu::model::shapes::{Biconic, Freeform, SagSurface, Toroidal};
@@ -18,7 +19,7 @@ use nsq_gpu::model::{
     Annulus, Aperture, AsphereProfile, Bsdf, BsdfKind, BsdfTable, ClippedConic, Coating, CoatingRow,
     Collimated, Conic, Detector, DetectorKind, Extended, FarField, Frame, Frustum, HarveyShack, Interaction,
     KCorrelation, Lambertian, Medium, Mesh, MeshId, Outline, PixelGrid, Point, Pupil, RayDatabase,
-    ReflectProb, Sampling, Scatter, SceneIr, Shape, SimpleCoating, Source, SourceKind, Spectral, Spectrum,
+    ReflectProb, Sampling, Scatter, ScatterSampling, SceneIr, Shape, SimpleCoating, Source, SourceKind, Spectral, Spectrum,
     Specular, Sphere, Splat, Surface, Tabulated, TabulatedCoating,
 };
 use nsq_gpu::paths::followed::FollowedPaths;
@@ -99,6 +100,8 @@ pub enum Choice {
     CoatedBySpectrum,
     Scattering(BsdfKind),
     TransmissiveLobe(BsdfKind),
+    /// A lens of this BSDF, with a target of each shape.
+    ScattersTo(BsdfKind),
     Policy(ReflectProb),
     Split,
     Roulette,
@@ -289,6 +292,7 @@ impl Choice {
         overrides.extend(
             bsdfs().into_iter().flat_map(|kind| [Choice::Scattering(kind), Choice::TransmissiveLobe(kind)]),
         );
+        overrides.extend(bsdfs().into_iter().filter(|kind| has_density(*kind)).map(Choice::ScattersTo));
         overrides.extend(policies().into_iter().map(Choice::Policy));
         overrides.extend(path_samplings().into_iter().map(Choice::Paths));
         overrides.extend(samplers().into_iter().map(Choice::Sampler));
@@ -397,6 +401,15 @@ impl Choice {
             Choice::TransmissiveLobe(kind) => {
                 let lens = surface(ball(), Interaction::Refractive);
                 ir.surfaces.push(scattering(lens, bsdf_of(kind, 0.25)));
+            }
+            Choice::ScattersTo(kind) => {
+                Choice::TransmissiveLobe(kind).apply(variant);
+                let ir = &mut variant.ir;
+                ir.scatter_sampling = vec![ScatterSampling::default(); ir.surfaces.len()];
+                if let Some(sampling) = ir.scatter_sampling.last_mut() {
+                    sampling.prob = Some(0.75);
+                    sampling.targets = targets();
+                }
             }
             Choice::Policy(policy) => {
                 ir.surfaces.push(surface(ball(), Interaction::Refractive));
@@ -856,6 +869,24 @@ fn surface(shape: Shape, interaction: Interaction) -> Surface {
         front: 0,
         back: 1,
     }
+}
+
+/// True if directions that it draws have a density, so that some may go towards a target.
+fn has_density(kind: BsdfKind) -> bool {
+    !kind.wgsl().toward.is_empty()
+}
+
+/// A target of each shape.
+fn targets() -> Vec<Target> {
+    let center = [0.5, 1.0, -20.0];
+    let sides = [[2.0, 0.0, 0.0], [0.0, 3.0, 0.0]];
+    let shapes = [
+        TargetShape::Cone { axis: [0.0, 0.0, 1.0], half_angle: 0.25 },
+        TargetShape::Sphere { center, radius: 2.0 },
+        TargetShape::Rectangle { center, half_sides: sides },
+        TargetShape::Disk { center, radii: sides },
+    ];
+    shapes.map(|shape| Target { share: 0.125, shape }).into()
 }
 
 /// A scatter model that its function samples.

@@ -40,8 +40,8 @@ pub fn put_columns(records: &mut RowTable, ir: &SceneIr, kinds: &[BsdfKind], pla
     }
     let bsdfs = || ir.surfaces.iter().map(|surface| surface.scatter.as_ref().map(|scatter| &scatter.bsdf));
     let samplings = || ir.scatter_sampling.iter().map(Some).chain(std::iter::repeat(None));
-    let branches = ir.surfaces.iter().zip(samplings()).map(|(surface, sampling)| Branch::of(surface, sampling));
-    let branches: Vec<Branch> = branches.collect();
+    let rows = || ir.surfaces.iter().zip(samplings());
+    let branches: Vec<Branch> = rows().map(|(surface, sampling)| Branch::of(surface, sampling)).collect();
     records.uint("bsdf", bsdfs().map(|bsdf| bsdf.map_or(0, |bsdf| bsdf.kind().code())));
     records.real("scatter_fraction", branches.iter().map(|branch| branch.fraction));
     records.real("scatter_weight", branches.iter().map(|branch| branch.scatter_weight));
@@ -61,12 +61,12 @@ pub fn put_columns(records: &mut RowTable, ir: &SceneIr, kinds: &[BsdfKind], pla
         records.uint(name, values);
     }
     if ir.scatter_sampling.iter().any(|sampling| !sampling.targets.is_empty()) {
-        let rows = || ir.surfaces.iter().zip(&ir.scatter_sampling);
-        let start_of = |(surface, sampling): (&Surface, &ScatterSampling)| {
-            places.start_of(&sampling.table(surface.frame.origin)).unwrap_or(0) as u32
+        let start_of = |(surface, sampling): (&Surface, Option<&ScatterSampling>)| {
+            sampling.and_then(|sampling| places.start_of(&sampling.table(surface.frame.origin))).unwrap_or(0) as u32
         };
         records.uint("targets", rows().map(start_of));
-        records.uint("num_targets", rows().map(|(_, sampling)| sampling.targets.len() as u32));
+        let num_targets = |sampling: &ScatterSampling| sampling.targets.len() as u32;
+        records.uint("num_targets", rows().map(|(_, sampling)| sampling.map_or(0, num_targets)));
     }
 }
 
