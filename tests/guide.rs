@@ -536,8 +536,17 @@ fn wrong_guides_are_named() {
     let new = path("new.json");
     let none = problem(&["diff", &plate, &plate, "-n", "100", "--guide", "--guide-to", &new]);
     assert!(none.contains("a difference writes no guide"), "{none}");
-    let none =
-        problem(&["sweep", &plate, "--set", "S.total_flux=1:2:2", "-n", "100", "--guide", "--guide-to", &new]);
+    let none = problem(&[
+        "sweep",
+        &plate,
+        "--set",
+        "S.total_flux=1:2:2",
+        "-n",
+        "100",
+        "--guide",
+        "--guide-to",
+        &new,
+    ]);
     assert!(none.contains("a sweep writes no guide"), "{none}");
     for (sampling, said) in [
         (

@@ -22,9 +22,7 @@ fn plate(bsdf: &Value, refracts: bool, sampling: &Value) -> Value {
         false => json!({"interaction": "reflective", "reflectance": 0.9}),
     };
     surface.as_object_mut().unwrap().extend(optics.as_object().unwrap().clone());
-    let detector = |name: &str, cs: Value, size: f64| {
-        json!({"type": "irradiance", "name": name, "cs": cs, "width": size, "height": 0.75 * size, "num_pixels_x": 1, "num_pixels_y": 1})
-    };
+    let detector = |name: &str, cs: Value, size: f64| json!({"type": "irradiance", "name": name, "cs": cs, "width": size, "height": 0.75 * size, "num_pixels_x": 1, "num_pixels_y": 1});
     json!({"nsq_schema_version": 1, "components": [],
         "sources": [{"type": "collimated", "name": "beam", "cs": {"z": -50.0}, "aperture_radius": 5.0,
             "spectrum": {"wavelengths": [0.55], "weights": [1.0]}, "total_flux": 1.0}],
@@ -92,7 +90,8 @@ fn fluxes(ir: &SceneIr, options: &TraceOptions) -> Vec<[f64; 2]> {
 fn what_is_drawn_on_purpose_is_what_plain_rays_bring() {
     for law in laws() {
         for refracts in [false, true] {
-            let [plain, aimed] = [json!({}), on_purpose()].map(|sampling| lowered(&plate(&law, refracts, &sampling)));
+            let [plain, aimed] =
+                [json!({}), on_purpose()].map(|sampling| lowered(&plate(&law, refracts, &sampling)));
             let expected = fluxes(&plain, &options(2_000_000, 7, Precision::F64));
             for (precision, sampler) in [
                 (Precision::F32, Sampler::Pcg),
@@ -133,7 +132,8 @@ fn a_wrong_share_is_seen() {
 #[test]
 fn a_square_gets_its_form_factor() {
     let scene = |share: Option<f64>| {
-        let to = share.map_or(json!([]), |share| json!([{"surface": "paint", "target": "square", "share": share}]));
+        let to = share
+            .map_or(json!([]), |share| json!([{"surface": "paint", "target": "square", "share": share}]));
         json!({"nsq_schema_version": 1, "components": [],
             "sources": [{"type": "collimated", "name": "beam", "cs": {"x": -50.0, "ry": PI / 2.0}, "aperture_radius": 1e-3,
                 "spectrum": {"wavelengths": [0.55], "weights": [1.0]}, "total_flux": 1.0}],
@@ -150,14 +150,20 @@ fn a_square_gets_its_form_factor() {
     let root = (1.0 + x * x).sqrt();
     let expected = 4.0 / (2.0 * PI) * 2.0 * (x / root) * (x / root).atan();
     for share in [0.2, 0.5, 0.9] {
-        let [[flux, error]] = fluxes(&lowered(&scene(Some(share))), &options(100_000, 1, Precision::F64))[..] else {
+        let [[flux, error]] = fluxes(&lowered(&scene(Some(share))), &options(100_000, 1, Precision::F64))[..]
+        else {
             panic!("one detector")
         };
         // The mirror hides 0.003 % of the square.
-        assert!((flux / expected - 1.0).abs() < 4.0 * error / flux + 1e-4, "{share}: {flux} ± {error}, {expected}");
+        assert!(
+            (flux / expected - 1.0).abs() < 4.0 * error / flux + 1e-4,
+            "{share}: {flux} ± {error}, {expected}"
+        );
         assert!(error / flux < 0.01, "{share}: {error} of {flux}");
     }
-    let [[_, error]] = fluxes(&lowered(&scene(None)), &options(100_000, 1, Precision::F64))[..] else { panic!() };
+    let [[_, error]] = fluxes(&lowered(&scene(None)), &options(100_000, 1, Precision::F64))[..] else {
+        panic!()
+    };
     assert!(error / expected > 0.1, "plain rays are worth less: {error}");
 }
 
@@ -171,7 +177,8 @@ fn weights_are_bounded() {
         scene["nsq_gpu"]["sampling"]["scatter_to"].as_array_mut().unwrap().remove(0);
         let ir = lowered(&scene);
         let tally = zoo::trace(&ir, &zoo::options(100_000, 5, Precision::F64));
-        let result = TraceResult::new(&ir, &RunInfo { num_rays: 100_000, ..RunInfo::default() }, &tally).unwrap();
+        let result =
+            TraceResult::new(&ir, &RunInfo { num_rays: 100_000, ..RunInfo::default() }, &tally).unwrap();
         let nsq_gpu::result::DetectorData::RayDatabase(rays) = &result.detectors[0].data else { panic!() };
         let weight = rays.columns().unwrap().flux.iter().fold(0.0_f64, |most, flux| most.max(*flux)) * 1e5;
         // Reflectance 0.9; a tabulated law weighs up to pi 0.5.
@@ -188,20 +195,38 @@ fn what_cannot_be_is_named() {
         Scene::from_json(&scene.to_string()).and_then(|scene| scene.lower()).unwrap_err().to_string()
     };
     for (sampling, said) in [
-        (json!({"scatter_prob": 1.0}), "nsq_gpu.sampling.scatter_prob: the probability 1 leaves one branch undrawn"),
+        (
+            json!({"scatter_prob": 1.0}),
+            "nsq_gpu.sampling.scatter_prob: the probability 1 leaves one branch undrawn",
+        ),
         (json!({"scatter_prob": {"T": 0.5}}), "`T` is no surface; these scatter: `S`"),
-        (json!({"scatter_to": [{"surface": "S", "target": "bakc"}]}), "scatter_to[0].target: `bakc` is no detector and no surface"),
-        (json!({"scatter_to": [{"surface": "S", "target": "back", "share": 1.0}]}), "scatter_to[0].share: the share 1"),
+        (
+            json!({"scatter_to": [{"surface": "S", "target": "bakc"}]}),
+            "scatter_to[0].target: `bakc` is no detector and no surface",
+        ),
+        (
+            json!({"scatter_to": [{"surface": "S", "target": "back", "share": 1.0}]}),
+            "scatter_to[0].share: the share 1",
+        ),
         (json!({"scatter_to": [{"surface": "S", "target": {}}]}), "the target has no shape"),
-        (json!({"scatter_to": [{"surface": "S", "target": {"cone": {"axis": [0, 0, 0], "half_angle_deg": 5}}}]}), "a cone has an axis"),
-        (json!({"scatter_to": [{"surface": "S", "target": "back", "share": 0.6}, {"surface": "*", "target": "far", "share": 0.5}]}),
-            "shares of 1.1 together"),
+        (
+            json!({"scatter_to": [{"surface": "S", "target": {"cone": {"axis": [0, 0, 0], "half_angle_deg": 5}}}]}),
+            "a cone has an axis",
+        ),
+        (
+            json!({"scatter_to": [{"surface": "S", "target": "back", "share": 0.6}, {"surface": "*", "target": "far", "share": 0.5}]}),
+            "shares of 1.1 together",
+        ),
         (json!({"scatter_to": [{"surface": "S", "targt": "back"}]}), "targt"),
     ] {
         let text = refused(sampling.clone());
         assert!(text.contains(said), "{sampling}: {text}");
     }
-    let mirror = plate(&json!({"type": "specular"}), false, &json!({"scatter_to": [{"surface": "S", "target": "back"}]}));
+    let mirror = plate(
+        &json!({"type": "specular"}),
+        false,
+        &json!({"scatter_to": [{"surface": "S", "target": "back"}]}),
+    );
     let error = Scene::from_json(&mirror.to_string()).unwrap().lower().unwrap_err().to_string();
     assert!(error.contains("as a mirror does"), "{error}");
 }
@@ -213,11 +238,17 @@ fn the_command_draws_on_purpose() {
     let scene = written(&folder, "plate.json", &plate(&laws()[0], false, &json!({})).to_string());
     let [done, sums] = ["done", "sums.bin"].map(|name| path_in(&folder, name));
     let aimed = ["--scatter-to", "S=back:0.4", "--scatter-prob", "S=0.5"];
-    let trace = |more: &[&str]| run(&[&["trace", &scene, "-n", "20000", "--precision=f64"], &aimed[..], more].concat());
+    let trace = |more: &[&str]| {
+        run(&[&["trace", &scene, "-n", "20000", "--precision=f64"], &aimed[..], more].concat())
+    };
     let output = trace(&["-o", &done, "--proof", "--no-pictures"]);
     assert!(output.status.success(), "{}", stderr(&output));
     let verified = run(&["verify", &done]);
-    assert!(verified.status.success() && String::from_utf8_lossy(&verified.stdout).contains("proven"), "{}", stderr(&verified));
+    assert!(
+        verified.status.success() && String::from_utf8_lossy(&verified.stdout).contains("proven"),
+        "{}",
+        stderr(&verified)
+    );
     let begun = trace(&["--checkpoint", &sums, "-o", &path_in(&folder, "begun"), "--no-pictures"]);
     assert!(begun.status.success(), "{}", stderr(&begun));
     let other = run(&["trace", &scene, "-n", "20000", "--precision=f64", "--resume", &sums]);
@@ -253,8 +284,21 @@ fn a_parabola_scatters_into_its_field() {
     // A source that is turned by 0.01 rad comes to a focus 10 mm away, so the detector is 10 mm from the image or 20 mm.
     let turned = 0.01_f64.atan().to_degrees();
     let output = run(&[
-        "pst", &file, "--detector", "image", "--source", "star", "--pivot", "0,0,0", "--angles",
-        &format!("0,{}", -turned), "-n", "1e6", "--target-error", "1%", "--json",
+        "pst",
+        &file,
+        "--detector",
+        "image",
+        "--source",
+        "star",
+        "--pivot",
+        "0,0,0",
+        "--angles",
+        &format!("0,{}", -turned),
+        "-n",
+        "1e6",
+        "--target-error",
+        "1%",
+        "--json",
     ]);
     assert!(output.status.success(), "{}", stderr(&output));
     let document: Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -290,7 +334,17 @@ fn surfaces_are_lit_and_seen() {
             wall("both", 0.0, 0.0, -PI / 4.0), wall("seen", 90.0, 0.0, PI / 2.0), wall("neither", 0.0, 300.0, 0.0)]}});
     let folder = tempfile::tempdir().unwrap();
     let file = written(&folder, "walls.json", &scene.to_string());
-    let output = run(&["surfaces", &file, "--detector", "sensor", "-n", "50000", "--json", "--scatter-to", "both=sensor"]);
+    let output = run(&[
+        "surfaces",
+        &file,
+        "--detector",
+        "sensor",
+        "-n",
+        "50000",
+        "--json",
+        "--scatter-to",
+        "both=sensor",
+    ]);
     assert!(output.status.success(), "{}", stderr(&output));
     let document: Value = serde_json::from_slice(&output.stdout).unwrap();
     let of = |name: &str, key: &str| {
@@ -299,7 +353,11 @@ fn surfaces_are_lit_and_seen() {
     };
     assert!((of("both", "receives") - 2.0).abs() < 1e-9, "{document}");
     assert!(of("both", "seen") > 0.0 && of("seen", "seen") > 0.0, "{document}");
-    assert_eq!([of("seen", "receives"), of("neither", "receives"), of("neither", "seen")], [0.0; 3], "{document}");
+    assert_eq!(
+        [of("seen", "receives"), of("neither", "receives"), of("neither", "seen")],
+        [0.0; 3],
+        "{document}"
+    );
     // A wall that fills a solid angle of the sensor: E = 0.5 * 2 W / pi * cos / d^2 over 1 cm^2, to a tenth.
     let sends = of("both", "sends");
     let expected = 0.5 * 2.0 / PI * (PI / 4.0).cos() / 3600.0 * 100.0;

@@ -1,7 +1,7 @@
 //! `nsq-gpu pst`: point source transmittance, angle by angle.
 
 use crate::cli::console::{ended, read_scene, say};
-use crate::cli::output_file::{check_places, OutputFile};
+use crate::cli::output_file::{OutputFile, check_places};
 use crate::cli::stops::stop_on_interrupt;
 use crate::cli::trace_args::{PathsArg, TraceArgs};
 use crate::error::{Error, Result};
@@ -17,7 +17,9 @@ use std::sync::atomic::Ordering;
 
 /// Arguments of `nsq-gpu pst`.
 #[derive(clap::Args)]
-#[command(after_help = "Example: nsq-gpu pst telescope.json --angles 0:60:2 --detector image --target-error 10% -n 1e7")]
+#[command(
+    after_help = "Example: nsq-gpu pst telescope.json --angles 0:60:2 --detector image --target-error 10% -n 1e7"
+)]
 pub struct Args {
     /// The scene file.
     scene: PathBuf,
@@ -62,7 +64,8 @@ const MOST_ANGLES: f64 = 1e5;
 
 fn parse_angles(text: &str) -> std::result::Result<Angles, String> {
     let number = |text: &str| {
-        let number = text.trim().parse().ok().filter(|number: &f64| number.is_finite() && number.abs() <= 360.0);
+        let number =
+            text.trim().parse().ok().filter(|number: &f64| number.is_finite() && number.abs() <= 360.0);
         number.ok_or_else(|| format!("`{text}` is no angle from -360 to 360 degrees"))
     };
     let parts: Vec<&str> = text.split(':').collect();
@@ -73,7 +76,9 @@ fn parse_angles(text: &str) -> std::result::Result<Angles, String> {
             // The last one counts although sums round.
             let count = ((last - first) / step + 1e-9).floor();
             if !(0.0..MOST_ANGLES).contains(&count) {
-                return Err(format!("`{text}` has no angles, or too many; write first:last:step, such as 0:80:2"));
+                return Err(format!(
+                    "`{text}` has no angles, or too many; write first:last:step, such as 0:80:2"
+                ));
             }
             Ok(Angles((0..=count as u32).map(|i| first + step * f64::from(i)).collect()))
         }
@@ -82,8 +87,10 @@ fn parse_angles(text: &str) -> std::result::Result<Angles, String> {
 }
 
 fn parse_point(text: &str) -> std::result::Result<DVec3, String> {
-    let numbers: Option<Vec<f64>> =
-        text.split(',').map(|part| part.trim().parse().ok().filter(|number: &f64| number.is_finite())).collect();
+    let numbers: Option<Vec<f64>> = text
+        .split(',')
+        .map(|part| part.trim().parse().ok().filter(|number: &f64| number.is_finite()))
+        .collect();
     match numbers.as_deref() {
         Some([x, y, z]) => Ok(DVec3::new(*x, *y, *z)),
         _ => Err(format!("`{text}` is no point; write three numbers, such as 0,0,-100 [mm]")),
@@ -102,9 +109,11 @@ pub fn run(args: &Args) -> Result<String> {
     if let Some(folder) = &args.output {
         check_places(folder, &[CSV, JSON], args.overwrite)?;
     }
-    let directions = args.azimuths.0.iter().flat_map(|&azimuth| {
-        args.angles.0.iter().map(move |&angle| Direction { angle, azimuth })
-    });
+    let directions = args
+        .azimuths
+        .0
+        .iter()
+        .flat_map(|&azimuth| args.angles.0.iter().map(move |&angle| Direction { angle, azimuth }));
     // Rounds end when all their rays are done; the error of a direction is that of its rounds.
     let of_round = TraceArgs { target_error: None, ..args.trace.clone() };
     let pst = Pst {
@@ -227,7 +236,9 @@ impl Transmittances {
         let scatterers = self.scatterers();
         let orders = self.points.first().map_or(0, |point| point.by_order.len());
         let mut titles: Vec<String> =
-            ["angle [deg]", "azimuth [deg]", "pst", "standard error", "rays", "hits"].map(Into::into).to_vec();
+            ["angle [deg]", "azimuth [deg]", "pst", "standard error", "rays", "hits"]
+                .map(Into::into)
+                .to_vec();
         titles.extend((0..orders).map(|order| match order + 1 < orders {
             true => format!("{order} scatterings"),
             false => format!("{order} scatterings and more"),
@@ -242,7 +253,11 @@ impl Transmittances {
             cells.extend([point.num_rays, point.num_hits].map(|count| count.to_string()));
             cells.extend(point.by_order.iter().map(|part| format!("{:?}", part.pst)));
             let of = |name: &&str| point.by_first_scatterer.iter().find(|(known, _)| known == name);
-            cells.extend(scatterers.iter().map(|name| of(name).map_or("0.0".into(), |(_, part)| format!("{:?}", part.pst))));
+            cells.extend(
+                scatterers
+                    .iter()
+                    .map(|name| of(name).map_or("0.0".into(), |(_, part)| format!("{:?}", part.pst))),
+            );
             text += &(cells.join(",") + "\n");
         }
         text
@@ -250,7 +265,9 @@ impl Transmittances {
 
     /// The table for people.
     fn text(&self) -> String {
-        let mut text = String::from("   angle  azimuth         PST    error        rays  most of it\n     deg      deg\n");
+        let mut text = String::from(
+            "   angle  azimuth         PST    error        rays  most of it\n     deg      deg\n",
+        );
         for point in &self.points {
             let Direction { angle, azimuth } = point.direction;
             let error = match point.all.pst > 0.0 {

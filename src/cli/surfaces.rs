@@ -36,7 +36,9 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<String> {
     let trace = TraceArgs { paths: PathsArg::Off, ..args.trace.clone() };
     if let Some(name) = trace.of_one_trace().or(trace.filter.is_some().then_some("where")) {
-        return Err(Error::Usage(format!("--{name} belongs to a trace; a list of surfaces takes -n, leave it out")));
+        return Err(Error::Usage(format!(
+            "--{name} belongs to a trace; a list of surfaces takes -n, leave it out"
+        )));
     }
     trace.refuse_guide_to("a list of surfaces")?;
     let scene = read_scene(&args.scene)?;
@@ -51,17 +53,18 @@ pub fn run(args: &Args) -> Result<String> {
     let found =
         blame((&scene, &model), &args.detector, &mut session, how, |run| trace.set_others(run, None), next)?;
     if args.json {
-        let entry = |Blame { name, receives, sends: [flux, error], seen }: &Blame| {
-            json!({"name": name, "receives": receives, "sends": flux, "sends_standard_error": error, "seen": seen})
-        };
-        let document = json!({"detector": args.detector, "surfaces": found.iter().map(entry).collect::<Vec<_>>()});
+        let entry = |Blame { name, receives, sends: [flux, error], seen }: &Blame| json!({"name": name, "receives": receives, "sends": flux, "sends_standard_error": error, "seen": seen});
+        let document =
+            json!({"detector": args.detector, "surfaces": found.iter().map(entry).collect::<Vec<_>>()});
         return pretty_json(&document).map_err(|error| Error::internal("surfaces as JSON", &error));
     }
     Ok(text(&found))
 }
 
 fn text(found: &[Blame]) -> String {
-    let mut text = String::from(" lit by the   scatters to    error   seen by the\n sources [W]  detector [W]          detector  surface\n");
+    let mut text = String::from(
+        " lit by the   scatters to    error   seen by the\n sources [W]  detector [W]          detector  surface\n",
+    );
     for Blame { name, receives, sends: [flux, error], seen } in found {
         let error = if *flux > 0.0 { format!("{:.1} %", 100.0 * error / flux) } else { "-".into() };
         let mark = if *receives > 0.0 && *seen > 0.0 { "  (lit and seen)" } else { "" };

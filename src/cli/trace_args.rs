@@ -234,7 +234,11 @@ fn parse_scatter_prob(text: &str) -> std::result::Result<(Option<String>, f64), 
 }
 
 fn parse_scatter_to(text: &str) -> std::result::Result<Aim, String> {
-    let form = || format!("`{text}` names no target; write SURFACE=TARGET or SURFACE=TARGET:SHARE, such as M1=image:0.5");
+    let form = || {
+        format!(
+            "`{text}` names no target; write SURFACE=TARGET or SURFACE=TARGET:SHARE, such as M1=image:0.5"
+        )
+    };
     let (surface, rest) = text.split_once('=').ok_or_else(form)?;
     let (target, share) = match rest.rsplit_once(':') {
         Some((target, share)) => (target, share.parse().map_err(|_| form())?),
@@ -362,7 +366,9 @@ impl TraceArgs {
     fn scattering(&self, Refusal { key, problem, remedy }: Refusal) -> Error {
         let number = key.split(['[', ']']).nth(1).and_then(|number| number.parse::<usize>().ok());
         let option = match number.and_then(|number| self.scatter_to.get(number)) {
-            Some(Aim { surface, target: AimTarget::Named(target), .. }) => format!("--scatter-to {surface}={target}"),
+            Some(Aim { surface, target: AimTarget::Named(target), .. }) => {
+                format!("--scatter-to {surface}={target}")
+            }
             _ => "--scatter-prob".into(),
         };
         Error::Usage(format!("{option}: {problem}; {remedy}"))
@@ -374,7 +380,8 @@ impl TraceArgs {
             ir.sampling.reflect_prob = reflect_prob;
         }
         if !self.scatter_prob.is_empty() || !self.scatter_to.is_empty() {
-            let found = resolve(ir, &self.scatter_prob, &self.scatter_to).map_err(|refusal| self.scattering(refusal))?;
+            let found = resolve(ir, &self.scatter_prob, &self.scatter_to)
+                .map_err(|refusal| self.scattering(refusal))?;
             set(ir, found);
         }
         if let Some(rr_start_flux) = self.rr_start_flux {

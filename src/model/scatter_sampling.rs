@@ -129,7 +129,11 @@ pub fn resolve(
         let has_some = |scatter: &Scatter| scatter.fraction > 0.0 && scatter.fraction < 1.0;
         if of_all && !ir.surfaces.iter().filter_map(|surface| surface.scatter.as_ref()).any(has_some) {
             let problem = "no surface scatters a part of its light".into();
-            return refusal("scatter_prob", problem, "give one a `bsdf` and a scatter_fraction below 1, or leave it out");
+            return refusal(
+                "scatter_prob",
+                problem,
+                "give one a `bsdf` and a scatter_fraction below 1, or leave it out",
+            );
         }
         for surface in surfaces(ir, name.as_deref().unwrap_or("*"), "scatter_prob", of_all)? {
             let fraction = scatter_of(ir, surface).map_or(0.0, |scatter| scatter.fraction);
@@ -193,7 +197,8 @@ fn surfaces(ir: &SceneIr, name: &str, key: &str, may_be_none: bool) -> Result<Ve
     if !can_scatter.is_empty() || may_be_none {
         return Ok(can_scatter);
     }
-    let names: Vec<String> = (0..ir.surfaces.len()).filter(can).map(|surface| ir.surface_name(surface)).collect();
+    let names: Vec<String> =
+        (0..ir.surfaces.len()).filter(can).map(|surface| ir.surface_name(surface)).collect();
     let scattering = match names.is_empty() {
         true => "no surface of the scene scatters: give one a `bsdf`".into(),
         false => format!("these scatter: {}", listed(&names)),
@@ -251,7 +256,8 @@ impl AimTarget {
             );
         };
         let surface = &ir.surfaces[surface];
-        let flat = if let Shape::Plane(outline) = &surface.shape { plane(*outline, &surface.frame) } else { None };
+        let flat =
+            if let Shape::Plane(outline) = &surface.shape { plane(*outline, &surface.frame) } else { None };
         let ball = || {
             let extent = surface.shape.extent(&ir.meshes)?;
             let across = match extent.across {
@@ -318,7 +324,11 @@ impl TargetShape {
                 "a disk has a center [mm], a normal that is not 0, and a radius above 0 [mm]",
             ),
         };
-        if is_finite && is_right { Ok(self.clone()) } else { refusal(key, "the shape is none".into(), remedy) }
+        if is_finite && is_right {
+            Ok(self.clone())
+        } else {
+            refusal(key, "the shape is none".into(), remedy)
+        }
     }
 
     /// The numbers after the share: the kind, then three vectors.
@@ -343,7 +353,10 @@ impl ScatterSampling {
         let row = |target: &Target| {
             let mut numbers = target.shape.numbers();
             if !matches!(target.shape, TargetShape::Cone { .. }) {
-                numbers[1..4].iter_mut().zip(origin.to_array()).for_each(|(number, origin)| *number -= origin);
+                numbers[1..4]
+                    .iter_mut()
+                    .zip(origin.to_array())
+                    .for_each(|(number, origin)| *number -= origin);
             }
             numbers.insert(1, target.share);
             debug_assert_eq!(numbers.len(), NUMBERS);

@@ -428,8 +428,17 @@ pub fn scene_of_hash(ir: SceneIr, hash: u128) -> Option<SceneIr> {
 /// The hash of a scene without its sampling policy. Rust writes every float so that it reads back to the same bits.
 pub fn scene_hash(ir: &SceneIr) -> u128 {
     let mut hash = Fnv(0x6C62_272E_07BB_0142_62B8_2175_6295_C58D);
-    let SceneIr { wavelengths, media, surfaces, meshes, sources, detectors, sampling: _, scatter_sampling: _, allowed: _ } =
-        ir;
+    let SceneIr {
+        wavelengths,
+        media,
+        surfaces,
+        meshes,
+        sources,
+        detectors,
+        sampling: _,
+        scatter_sampling: _,
+        allowed: _,
+    } = ir;
     // Writing to Fnv never fails.
     let _ = write!(hash, "{wavelengths:?}{media:?}{surfaces:?}{meshes:?}{sources:?}{detectors:?}");
     hash.0
@@ -449,10 +458,15 @@ mod tests {
         let ir = crate::Scene::from_json(include_str!("../../docs/example.json")).unwrap().lower().unwrap();
         for reflect_prob in [ReflectProb::Fresnel, ReflectProb::Auto, ReflectProb::Constant(0.1 + 0.2)] {
             let policy = Sampling { reflect_prob, rr_start_flux: 1e-300, split_depth: 7, split_budget: 4.3 };
-            let target = |half_angle| Target { share: 0.1 + 0.2, shape: TargetShape::Cone { axis: [0.1, 0.2, 0.3], half_angle } };
-            let scattering = ScatterSampling { prob: Some(1.0 / 3.0), targets: vec![target(1e-3), target(0.7)] };
+            let target = |half_angle| Target {
+                share: 0.1 + 0.2,
+                shape: TargetShape::Cone { axis: [0.1, 0.2, 0.3], half_angle },
+            };
+            let scattering =
+                ScatterSampling { prob: Some(1.0 / 3.0), targets: vec![target(1e-3), target(0.7)] };
             for scatter_sampling in [vec![], vec![scattering, ScatterSampling::default()]] {
-                let ir = SceneIr { sampling: policy, scatter_sampling: scatter_sampling.clone(), ..ir.clone() };
+                let ir =
+                    SceneIr { sampling: policy, scatter_sampling: scatter_sampling.clone(), ..ir.clone() };
                 let written = Identity { sampling: sampling_text(&ir), ..identity.clone() };
                 assert_eq!(written.sampling_policy(), Some((policy, scatter_sampling)));
             }

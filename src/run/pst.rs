@@ -165,7 +165,11 @@ impl Pst<'_> {
                 return Ok(Next::Cancel);
             }
             rounds.add(pass.tally()?, beam.detector);
-            Ok(if self.target_error.is_some_and(|target| rounds.is_reached(target)) { Next::Stop } else { Next::GoOn })
+            Ok(if self.target_error.is_some_and(|target| rounds.is_reached(target)) {
+                Next::Stop
+            } else {
+                Next::GoOn
+            })
         })?;
         let result = &outcome.result;
         for warning in result.run.scene_warnings.iter().chain(&result.diagnostics.grave) {
@@ -289,9 +293,8 @@ fn corners(model: &SceneIr) -> Vec<DVec3> {
     if !(low.is_finite() && high.is_finite()) {
         return vec![DVec3::ZERO];
     }
-    let pick = |bits: u8| {
-        DVec3::select(glam::BVec3::new(bits & 1 > 0, bits & 2 > 0, bits & 4 > 0), high, low)
-    };
+    let pick =
+        |bits: u8| DVec3::select(glam::BVec3::new(bits & 1 > 0, bits & 2 > 0, bits & 4 > 0), high, low);
     (0..8).map(pick).collect()
 }
 
@@ -328,7 +331,8 @@ impl Rounds {
                 let order = sequence.scatterings().min(ORDERS - 1);
                 let scatters =
                     |step: &&Step| matches!(step.kind, StepKind::ScatteredThrough | StepKind::ScatteredBack);
-                let first = sequence.steps.iter().find(scatters).map(|step| Key::FirstScatterer(step.surface));
+                let first =
+                    sequence.steps.iter().find(scatters).map(|step| Key::FirstScatterer(step.surface));
                 for key in [Some(Key::All), Some(Key::Order(order)), first].into_iter().flatten() {
                     *light.entry(key).or_default() += sum.quanta as f64;
                 }
@@ -367,7 +371,9 @@ impl Rounds {
 
     fn is_reached(&self, target: f64) -> bool {
         let Part { pst, standard_error } = self.part(Key::All);
-        self.light.len() as u64 >= FEWEST_ROUNDS && self.num_hits >= FEWEST_HITS && standard_error <= target * pst
+        self.light.len() as u64 >= FEWEST_ROUNDS
+            && self.num_hits >= FEWEST_HITS
+            && standard_error <= target * pst
     }
 
     fn point(&self, direction: Direction, model: &SceneIr, pst_per_share: f64, is_reached: bool) -> PstPoint {

@@ -67,14 +67,17 @@ pub fn blame(
     };
     let lit = go(&specular, recorded(options.num_rays), RecordPaths::All)?;
     let seen = go(&backward, recorded(options.num_rays), RecordPaths::All)?;
-    let by_path = TraceOptions { collect: Collect::Paths { rows: path_rows, ends: false }, ..options.clone() };
+    let by_path =
+        TraceOptions { collect: Collect::Paths { rows: path_rows, ends: false }, ..options.clone() };
     let all = go(model, by_path, RecordPaths::None)?;
     let receives = met(&lit.result, false)?;
     let seen = met(&seen.result, true)?;
     let mut sends = vec![[0.0, 0.0]; model.surfaces.len()];
     if let Some(sums) = &all.tally.path_sums {
         let watts = model.emitted_flux() / all.tally.launched.quanta.max(1) as f64;
-        for (sequence, sum) in sums.rows.iter().filter(|(sequence, _)| sequence.end.detector() == Some(number)) {
+        for (sequence, sum) in
+            sums.rows.iter().filter(|(sequence, _)| sequence.end.detector() == Some(number))
+        {
             let mut surfaces: Vec<usize> = sequence
                 .steps
                 .iter()

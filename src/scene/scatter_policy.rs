@@ -146,7 +146,10 @@ impl ScatterTarget {
             (Some(shape), None) => Ok(AimTarget::Shape(shape)),
             (first, _) => Err(Refusal {
                 key: key.into(),
-                problem: format!("the target has {} shape", if first.is_some() { "more than one" } else { "no" }),
+                problem: format!(
+                    "the target has {} shape",
+                    if first.is_some() { "more than one" } else { "no" }
+                ),
                 remedy: SHAPES.into(),
             }),
         }

@@ -19,8 +19,8 @@ use nsq_gpu::model::{
     Annulus, Aperture, AsphereProfile, Bsdf, BsdfKind, BsdfTable, ClippedConic, Coating, CoatingRow,
     Collimated, Conic, Detector, DetectorKind, Extended, FarField, Frame, Frustum, HarveyShack, Interaction,
     KCorrelation, Lambertian, Medium, Mesh, MeshId, Outline, PixelGrid, Point, Pupil, RayDatabase,
-    ReflectProb, Sampling, Scatter, ScatterSampling, SceneIr, Shape, SimpleCoating, Source, SourceKind, Spectral, Spectrum,
-    Specular, Sphere, Splat, Surface, Tabulated, TabulatedCoating,
+    ReflectProb, Sampling, Scatter, ScatterSampling, SceneIr, Shape, SimpleCoating, Source, SourceKind,
+    Spectral, Spectrum, Specular, Sphere, Splat, Surface, Tabulated, TabulatedCoating,
 };
 use nsq_gpu::paths::followed::FollowedPaths;
 use nsq_gpu::paths::sums::PathSums;
@@ -112,13 +112,17 @@ pub enum Choice {
     QueuedMesh,
     QueuedContact,
     QueuedFacets,
-    Tree { texel_bytes: u64 },
+    Tree {
+        texel_bytes: u64,
+    },
     UniformTables,
     Rotated,
     Sampler(Sampler),
     Moments,
     HostSums,
-    HotPath { absorbs: bool },
+    HotPath {
+        absorbs: bool,
+    },
     HotPathThroughDetector,
     HotPathThroughGlass,
     Replicates,

@@ -17,7 +17,8 @@ pub const HARVEY_SHACK: BsdfWgsl = BsdfWgsl {
     name: "harvey_shack",
     file: shader!("bsdfs/harvey_shack.wgsl"),
     shared: Some(SHIFT_INVARIANT),
-    has_table: true, toward: &[shader!("scatter_to/shift_invariant.wgsl"), shader!("scatter_to/harvey_shack.wgsl")],
+    has_table: true,
+    toward: &[shader!("scatter_to/shift_invariant.wgsl"), shader!("scatter_to/harvey_shack.wgsl")],
 };
 
 /// Knots of a table.

@@ -20,7 +20,8 @@ pub const K_CORRELATION: BsdfWgsl = BsdfWgsl {
     name: "k_correlation",
     file: shader!("bsdfs/k_correlation.wgsl"),
     shared: Some(SHIFT_INVARIANT),
-    has_table: false, toward: &[shader!("scatter_to/shift_invariant.wgsl"), shader!("scatter_to/k_correlation.wgsl")],
+    has_table: false,
+    toward: &[shader!("scatter_to/shift_invariant.wgsl"), shader!("scatter_to/k_correlation.wgsl")],
 };
 
 /// b0 / (1 + (B beta)^2)^(s/2), beta being the distance of direction cosines from the specular direction.

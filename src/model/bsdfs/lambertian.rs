@@ -8,8 +8,13 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 /// Lambert's law.
-pub const LAMBERTIAN: BsdfWgsl =
-    BsdfWgsl { name: "lambertian", file: shader!("bsdfs/lambertian.wgsl"), shared: None, has_table: false, toward: &[shader!("scatter_to/lambertian.wgsl")], };
+pub const LAMBERTIAN: BsdfWgsl = BsdfWgsl {
+    name: "lambertian",
+    file: shader!("bsdfs/lambertian.wgsl"),
+    shared: None,
+    has_table: false,
+    toward: &[shader!("scatter_to/lambertian.wgsl")],
+};
 
 /// Cosine-weighted over the hemisphere.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]

@@ -15,7 +15,8 @@ pub const RETRO: BsdfWgsl = BsdfWgsl {
         text: include_str!("../../../tests/fixtures/retro.wgsl"),
     },
     shared: None,
-    has_table: false, toward: &[],
+    has_table: false,
+    toward: &[],
 };
 
 /// Rays go back where they came from.

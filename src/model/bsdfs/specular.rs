@@ -7,8 +7,13 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 /// The mirror.
-pub const SPECULAR: BsdfWgsl =
-    BsdfWgsl { name: "specular", file: shader!("bsdfs/specular.wgsl"), shared: None, has_table: false, toward: &[], };
+pub const SPECULAR: BsdfWgsl = BsdfWgsl {
+    name: "specular",
+    file: shader!("bsdfs/specular.wgsl"),
+    shared: None,
+    has_table: false,
+    toward: &[],
+};
 
 /// Mirror reflection.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]

@@ -12,8 +12,13 @@ use std::f64::consts::PI;
 use std::path::Path;
 
 /// The table.
-pub const TABULATED: BsdfWgsl =
-    BsdfWgsl { name: "tabulated", file: shader!("bsdfs/tabulated.wgsl"), shared: None, has_table: true, toward: &[shader!("scatter_to/tabulated.wgsl")], };
+pub const TABULATED: BsdfWgsl = BsdfWgsl {
+    name: "tabulated",
+    file: shader!("bsdfs/tabulated.wgsl"),
+    shared: None,
+    has_table: true,
+    toward: &[shader!("scatter_to/tabulated.wgsl")],
+};
 
 /// Largest file of a table \[bytes\].
 const MAX_FILE_BYTES: u64 = 64 << 20;

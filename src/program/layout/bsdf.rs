@@ -62,7 +62,8 @@ pub fn put_columns(records: &mut RowTable, ir: &SceneIr, kinds: &[BsdfKind], pla
     }
     if ir.scatter_sampling.iter().any(|sampling| !sampling.targets.is_empty()) {
         let start_of = |(surface, sampling): (&Surface, Option<&ScatterSampling>)| {
-            sampling.and_then(|sampling| places.start_of(&sampling.table(surface.frame.origin))).unwrap_or(0) as u32
+            sampling.and_then(|sampling| places.start_of(&sampling.table(surface.frame.origin))).unwrap_or(0)
+                as u32
         };
         records.uint("targets", rows().map(start_of));
         let num_targets = |sampling: &ScatterSampling| sampling.targets.len() as u32;

@@ -100,7 +100,8 @@ fn by_bsdf(kinds: &[BsdfKind], head: &str, call: impl Fn(&str) -> String) -> Str
     };
     let mut text = format!("fn {head} {{\n");
     for kind in others {
-        let _ = writeln!(text, "    if surface.bsdf == {}u {{ return {}; }}", *kind as u32, call(kind.name()));
+        let _ =
+            writeln!(text, "    if surface.bsdf == {}u {{ return {}; }}", *kind as u32, call(kind.name()));
     }
     let _ = writeln!(text, "    return {};\n}}", call(last.name()));
     text
