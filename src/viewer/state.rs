@@ -25,6 +25,8 @@ pub struct App {
     pub(super) frame: Option<PlotFrame>,
     pub(super) painted: Option<Painted>,
     pub(super) figures: Option<CachedFigures>,
+    /// Figures with errors, as they were asked for last.
+    pub(super) judged: Option<Judged>,
     /// Folder of B, as it is typed.
     pub(super) compare_path: String,
     /// Folder of exports, as it is typed.
@@ -101,6 +103,7 @@ impl App {
             frame: None,
             painted: None,
             figures: None,
+            judged: None,
             frames_left: None,
         }
     }
@@ -141,6 +144,14 @@ impl App {
         }
         self.figures.as_ref().map(|cached| cached.analysis.clone())
     }
+}
+
+/// Figures with errors, as text, and what they are of.
+pub(super) struct Judged {
+    pub detector: String,
+    pub region: Option<Region>,
+    pub num_rays: u64,
+    pub text: String,
 }
 
 /// The key of a side view's [`View`].

@@ -35,11 +35,9 @@ pub(crate) fn far_field(
 
 /// The diagram, in which the polar angle 0 points down.
 fn polar_diagram(path: &Path, head: &Head, intensity: &Array2<f64>, reach: f64) -> Drawn {
-    let (rows, columns) = intensity.dim();
-    let curves = PLANES.map(|(_, halves, color)| {
-        (halves.map(|azimuth| profile(intensity, &sector(columns, azimuth))), color)
-    });
-    let top = curves.iter().flat_map(|(halves, _)| halves).flatten().copied().fold(0.0, f64::max);
+    let rows = intensity.nrows();
+    let curves = planes(intensity);
+    let top = curves.iter().flat_map(|(_, halves, _)| halves).flatten().copied().fold(0.0, f64::max);
     let unit = head.style.unit_of(head.quantity.1, top);
     let steps = ticks((0.0, if top > 0.0 { top / unit.0 } else { 1.0 }), 5);
     let outermost =
@@ -71,7 +69,7 @@ fn polar_diagram(path: &Path, head: &Head, intensity: &Array2<f64>, reach: f64) 
                 canvas.label(&format!("{}°", angle.abs()), place, HPos::Center, VPos::Center)?;
             }
         }
-        for (halves, color) in curves {
+        for (_, halves, color) in curves {
             let side = |half: &[f64], sign: f64| -> Vec<(i32, i32)> {
                 let point = |(row, value): (usize, &f64)| {
                     at(sign * reach * (row as f64 + 0.5) / rows as f64, value / unit.0 / outermost)
@@ -95,6 +93,14 @@ fn polar_diagram(path: &Path, head: &Head, intensity: &Array2<f64>, reach: f64) 
             left += px(2.5) + text_width(name, TEXT);
         }
         canvas.label(&unit_text, (left, px(5.3)), HPos::Left, VPos::Center)
+    })
+}
+
+/// The names, the halves and the colours of the planes of a diagram: of intensities by polar angle and azimuth.
+pub(crate) fn planes(intensity: &Array2<f64>) -> [(&'static str, [Vec<f64>; 2], Rgb); 2] {
+    let columns = intensity.ncols();
+    PLANES.map(|(name, halves, color)| {
+        (name, halves.map(|azimuth| profile(intensity, &sector(columns, azimuth))), color)
     })
 }
 

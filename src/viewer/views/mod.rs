@@ -4,6 +4,7 @@ pub mod controls;
 pub mod curves_below;
 pub mod detector_plot;
 pub mod export_menu;
+pub mod judged;
 pub mod left_panel;
 pub mod paths_panel;
 pub mod right_panel;
