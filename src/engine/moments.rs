@@ -53,15 +53,16 @@ impl MomentSource {
     }
 }
 
-/// True where a table or a Harvey-Shack lobe leaves rays without weight, which hit detectors. The number of hits then
-/// says nothing about the error. False where squares would be many or expensive.
+/// True where a table or a Harvey-Shack lobe leaves rays without weight, which hit detectors, or where rays that scatter on
+/// purpose weigh little. The number of hits then says nothing about the error. False where squares would be many or expensive.
 fn hits_do_not_give_errors(ir: &SceneIr) -> bool {
     const MOST_CELLS: usize = 1 << 22;
     let is_near = |detector: &Detector| {
         detector.absorb
             && detector.kind.grid().is_none_or(|grid| !matches!(grid.splat, Splat::Gaussian { .. }))
     };
-    bsdf::scatters(ir).any(|scatter| scatter.bsdf.takes_whole_weights())
+    let takes_whole_weights = || bsdf::scatters(ir).any(|scatter| scatter.bsdf.takes_whole_weights());
+    (!ir.scatter_sampling.is_empty() || takes_whole_weights())
         && !splits(ir)
         && ir.detectors.iter().all(is_near)
         && ir.detectors.iter().map(Detector::num_cells).sum::<usize>() <= MOST_CELLS

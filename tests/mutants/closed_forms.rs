@@ -5,17 +5,19 @@ use crate::checks::Outcome;
 use crate::zoo;
 use glam::{DMat3, DVec2, DVec3};
 use nsq_gpu::guide::learn::Wanted;
+use nsq_gpu::model::bsdfs::harvey_shack;
 use nsq_gpu::model::ray_id::{self, NUM_REPLICATES};
+use nsq_gpu::model::scatter_sampling::{ScatterSampling, Target, TargetShape};
 use nsq_gpu::model::shapes::aperture::{ApertureOutline, Axes};
 use nsq_gpu::model::shapes::freeform::Polynomial;
 use nsq_gpu::model::shapes::{Biconic, Freeform, SagSurface, Toroidal};
 use nsq_gpu::model::sources::{self, Aim, IntensityTable};
 use nsq_gpu::model::{
     Aperture, AsphereProfile, Bsdf, BsdfTable, ClippedConic, Coating, CoatingRow, Collimated, Conic,
-    Detector, DetectorKind, End, Extended, FarField, Frame, Interaction, KCorrelation, Medium, Mesh, MeshId,
-    Outline, PathFilter, PixelGrid, Point, Pupil, RayDatabase, ReflectProb, Sampling, Scatter, SceneIr,
-    Shape, SimpleCoating, Source, SourceKind, Spectral, Spectrum, Splat, Surface, Tabulated,
-    TabulatedCoating,
+    Detector, DetectorKind, End, Extended, FarField, Frame, HarveyShack, Interaction, KCorrelation,
+    Lambertian, Medium, Mesh, MeshId, Outline, PathFilter, PixelGrid, Point, Pupil, RayDatabase, ReflectProb,
+    Sampling, Scatter, SceneIr, Shape, SimpleCoating, Source, SourceKind, Spectral, Spectrum, Splat, Surface,
+    Tabulated, TabulatedCoating,
 };
 use nsq_gpu::program::layout::rng;
 use nsq_gpu::program::{Precision, Sampler};
@@ -56,6 +58,7 @@ pub fn named(name: &str) -> Option<fn(&Bench) -> Outcome> {
         "simple coating beside a table" => simple_coating_beside_a_table,
         "scatter gain" => scatter_gain,
         "K-correlation" => k_correlation,
+        "scatter towards targets" => scatter_towards_targets,
         "split plate" => split_plate,
         "split faint" => split_faint,
         "split draws" => split_draws,
@@ -108,6 +111,7 @@ fn scene(kind: SourceKind, surfaces: Vec<Surface>, detectors: Vec<Detector>) -> 
             medium: SceneIr::VACUUM,
         }],
         detectors,
+        scatter_sampling: vec![],
         sampling: Sampling { rr_start_flux: 0.0, ..Sampling::default() },
         allowed: Default::default(),
     }
@@ -1116,4 +1120,114 @@ fn split_mesh(bench: &Bench) -> Outcome {
             children.first().map(|row| row.direction)
         ))
     }
+}
+
+/// Laws of scattering, and what share of the light they send within a distance of direction cosines from the axis, at normal
+/// incidence.
+type Law = (Bsdf, f64, Box<dyn Fn(f64) -> f64>);
+
+fn laws() -> Vec<Law> {
+    let through = 0.3;
+    let harvey = HarveyShack { b0: 1.0, l0: 0.2, s: 1.5, transmissive_fraction: through };
+    let within = {
+        let (cumulative, _) = harvey.distribution();
+        move |beta: f64| {
+            let place = beta / harvey_shack::STEP;
+            let knot = place.floor() as usize;
+            cumulative[knot] + (place - place.floor()) * (cumulative[knot + 1] - cumulative[knot])
+        }
+    };
+    // f = 0.6 - 0.4 theta / 90 degrees at normal incidence.
+    let table =
+        BsdfTable { theta_i: vec![0.0, 90.0], theta_s: vec![0.0, 90.0], values: vec![0.6, 0.2, 0.1, 0.1] };
+    let of_table = |beta: f64| {
+        let (end, steps) = (beta.asin(), 10_000);
+        let width = end / f64::from(steps);
+        let ring = |step: i32| {
+            let theta = (f64::from(step) + 0.5) * width;
+            (0.6 - 0.4 * theta / std::f64::consts::FRAC_PI_2)
+                * std::f64::consts::PI
+                * (2.0 * theta).sin()
+                * width
+        };
+        (0..steps).map(ring).sum::<f64>()
+    };
+    let lambertian = Lambertian { reflectance_value: 0.8, transmissive_fraction: through };
+    let mut laws: Vec<Law> = vec![
+        (Bsdf::Lambertian(lambertian), through, Box::new(|beta: f64| 0.8 * beta * beta)),
+        (Bsdf::HarveyShack(harvey), through, Box::new(within)),
+        (Bsdf::Tabulated(Tabulated { table, transmissive_fraction: through }), through, Box::new(of_table)),
+    ];
+    for s in [1.0, 2.0, 2.5] {
+        let lobe = KCorrelation { b0: 1.0, b: 5.0, s, transmissive_fraction: through };
+        let shape = lobe.clone();
+        let within = move |beta| shape.scattered_within(beta) / shape.scattered_within(2.0);
+        laws.push((Bsdf::KCorrelation(lobe), through, Box::new(within)));
+    }
+    laws
+}
+
+/// With a target of each shape on either side, every law sends as much light within each cone, and to each side, as without: what
+/// its integral says. Half of the rays that scatter were drawn.
+fn scatter_towards_targets(bench: &Bench) -> Outcome {
+    const NUM_RAYS: u64 = 60_000;
+    const FRACTION: f64 = 0.25;
+    let target = |share, shape| Target { share, shape };
+    for (bsdf, through, within) in laws() {
+        let mut mirror = plane("mirror", 5.0, Interaction::Reflective { reflectance: vec![1.0] }, 0, 0);
+        mirror.scatter = Some(Scatter { fraction: FRACTION, bsdf });
+        let source = SourceKind::Point(Point { half_angle: 0.0 });
+        let mut ir = scene(source, vec![mirror], vec![database("back", -10.0), database("beyond", 20.0)]);
+        for detector in &mut ir.detectors {
+            detector.kind =
+                DetectorKind::RayDatabase(RayDatabase { width: 1e9, height: 1e9, max_rays: None });
+        }
+        ir.scatter_sampling = vec![ScatterSampling {
+            prob: Some(0.5),
+            targets: vec![
+                target(0.2, TargetShape::Cone { axis: [0.0, 0.6, -0.8], half_angle: 0.7 }),
+                target(0.15, TargetShape::Sphere { center: [1.0, -3.0, -2.0], radius: 4.0 }),
+                target(
+                    0.15,
+                    TargetShape::Rectangle {
+                        center: [2.0, 1.0, 12.0],
+                        half_sides: [[6.0, 0.0, 1.0], [0.0, 4.0, 0.0]],
+                    },
+                ),
+                target(
+                    0.15,
+                    TargetShape::Disk {
+                        center: [-1.0, 2.0, -4.0],
+                        radii: [[5.0, 0.0, 0.0], [0.0, 5.0, 0.0]],
+                    },
+                ),
+            ],
+        }];
+        let mut setting = Setting::default();
+        setting.options.num_rays = NUM_RAYS;
+        setting.options.precision = Precision::F64;
+        let tally = bench.tally(&ir, &setting);
+        for (detector, side) in [(0, 1.0 - through), (1, through)] {
+            let rows = &tally.detectors[detector].rows;
+            for beta in [0.05, 0.2, 0.5, 0.8, 0.999] {
+                let weights = rows.iter().filter(|row| {
+                    let offset = row.direction[0].hypot(row.direction[1]);
+                    // Rays that do not scatter keep to the axis.
+                    offset > 0.0 && offset <= beta
+                });
+                let (sum, squares) = weights.fold((0.0, 0.0), |(sum, squares), row| {
+                    (sum + row.weight, squares + row.weight * row.weight)
+                });
+                let (share, error) = (sum / NUM_RAYS as f64, squares.sqrt() / NUM_RAYS as f64);
+                let expected = FRACTION * side * within(beta);
+                if (share - expected).abs() > 4.5 * error + 1e-6 {
+                    return Err(format!(
+                        "{:?}: detector {detector} has {share} ± {error} within {beta}, expected {expected}",
+                        ir.surfaces[0].scatter
+                    ));
+                }
+            }
+        }
+    }
+    Ok(())
 }
