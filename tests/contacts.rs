@@ -132,6 +132,7 @@ fn scene(surfaces: Vec<Surface>, sources: Vec<Source>, detectors: Vec<Detector>)
         sources,
         detectors,
         sampling: Sampling { rr_start_flux: 0.0, ..Sampling::default() },
+        scatter_sampling: Vec::new(),
         allowed: Default::default(),
     }
 }

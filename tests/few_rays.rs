@@ -60,6 +60,7 @@ fn beam(plane: Interaction, share: f64) -> SceneIr {
             absorb: true,
         }],
         sampling: Sampling { rr_start_flux: 0.0, ..Sampling::default() },
+        scatter_sampling: Vec::new(),
         allowed: Default::default(),
     }
 }

@@ -871,6 +871,7 @@ fn lamp_in_a_ball() -> SceneIr {
             absorb: true,
         }],
         sampling: Sampling { rr_start_flux: 0.0, ..Sampling::default() },
+        scatter_sampling: Vec::new(),
         allowed: Default::default(),
     }
 }

@@ -65,6 +65,7 @@ fn scene(total_flux: f64, surfaces: Vec<Surface>, detectors: Vec<Detector>) -> S
         sources: vec![source],
         detectors,
         sampling: Sampling::default(),
+        scatter_sampling: Vec::new(),
         allowed: Default::default(),
     }
 }

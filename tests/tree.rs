@@ -99,6 +99,7 @@ fn scene(surfaces: Vec<Surface>, detectors: Vec<Detector>) -> SceneIr {
         sources: vec![lamp],
         detectors,
         sampling: Sampling { reflect_prob: ReflectProb::Auto, rr_start_flux: 0.0, ..Sampling::default() },
+        scatter_sampling: Vec::new(),
         allowed: Default::default(),
     }
 }

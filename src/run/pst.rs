@@ -172,7 +172,9 @@ impl Pst<'_> {
             })
         })?;
         let result = &outcome.result;
-        for warning in result.run.scene_warnings.iter().chain(&result.diagnostics.grave) {
+        // What warnings say of detectors is said of their maps; here errors are those between rounds.
+        let grave = result.diagnostics.grave.iter().filter(|warning| !warning.contains("detector"));
+        for warning in result.run.scene_warnings.iter().chain(grave) {
             if !warnings.contains(warning) {
                 warnings.push(warning.clone());
             }
