@@ -310,7 +310,8 @@ fn a_parabola_scatters_into_its_field() {
         let off = (scattered - expected).abs();
         assert!(off < 0.02 * expected + 3.0 * error, "{point}: {scattered} ± {error}, expected {expected}");
         assert!(error < 0.02 * expected, "{point}");
-        assert_eq!(point["by_first_scatterer"]["M.surface"]["pst"], point["by_order"][1]["pst"]);
+        let by_mirror = point["by_first_scatterer"]["M.surface"]["pst"].as_f64().unwrap() / B0;
+        assert!((by_mirror / scattered - 1.0).abs() < 1e-9, "{point}");
         checked += 1;
     }
     assert_eq!(checked, 2);
@@ -352,11 +353,8 @@ fn surfaces_are_lit_and_seen() {
     };
     assert!((of("both", "receives") - 2.0).abs() < 1e-9, "{document}");
     assert!(of("both", "seen") > 0.0 && of("seen", "seen") > 0.0, "{document}");
-    assert_eq!(
-        [of("seen", "receives"), of("neither", "receives"), of("neither", "seen")],
-        [0.0; 3],
-        "{document}"
-    );
+    assert_eq!([of("seen", "receives"), of("neither", "receives")], [0.0; 2], "{document}");
+    assert!(of("neither", "seen") < 1e-3, "{document}");
     // A wall that fills a solid angle of the sensor: E = 0.5 * 2 W / pi * cos / d^2 over 1 cm^2, to a tenth.
     let sends = of("both", "sends");
     let expected = 0.5 * 2.0 / PI * (PI / 4.0).cos() / 3600.0 * 100.0;

@@ -92,13 +92,17 @@ from nsq_gpu.export import export_scene
 from nsq_gpu.finishes import dusty, finish, ground, polished
 from nsq_gpu.ghost_table import Ghosts
 from nsq_gpu.ghosting import ghosts
+from nsq_gpu.glare import VeilingGlare, veiling_glare
 from nsq_gpu.gradients import Jacobian, jacobian, loss_gradient
 from nsq_gpu.loading import load_scene
 from nsq_gpu.paths import CoatingTable, PathTable
+from nsq_gpu.pst_table import PstResult
+from nsq_gpu.pst_trace import pst
 from nsq_gpu.results import Result
 from nsq_gpu.session import Session
 from nsq_gpu.step import from_step
 from nsq_gpu.storing import load
+from nsq_gpu.stray import StraySurfaces, stray_surfaces
 from nsq_gpu.sweeps import Sweep
 from nsq_gpu.verifying import Verification, verify
 
@@ -118,16 +122,19 @@ __all__ = [
     "NsqGpuError",
     "NsqGpuWarning",
     "PathTable",
+    "PstResult",
     "Result",
     "ResultWarning",
     "SceneError",
     "Session",
+    "StraySurfaces",
     "Sweep",
     "ToleranceWarning",
     "TraceTimeoutError",
     "UnknownNameError",
     "UnsupportedSceneError",
     "UsageError",
+    "VeilingGlare",
     "Verification",
     "diff",
     "dusty",
@@ -144,6 +151,9 @@ __all__ = [
     "load_scene",
     "loss_gradient",
     "polished",
+    "pst",
+    "stray_surfaces",
     "use",
+    "veiling_glare",
     "verify",
 ]

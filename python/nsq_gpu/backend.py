@@ -35,6 +35,7 @@ from nsq_gpu.integrity import read_report
 from nsq_gpu.process import run
 from nsq_gpu.progress import Progress, Shown
 from nsq_gpu.results import Result, check_paths, fill_scene, in_folder, warn_of
+from nsq_gpu.scattering import ScatterProb, ScatterTo, answering, keys_of, scattered, without
 from nsq_gpu.session import EXPORTED, Answer, Session, shared_session
 
 #: Most rays of a trace in the process's session; a longer one has a process of its own, which writes its rows to disk.
@@ -91,6 +92,12 @@ class NsqGpuBackend(TracerBackend):
         photometric: True says results in lumens, lux and candela as well, for any spectrum, and False does not. None does where
             a source says its flux in lumens, or its intensity in candela. Watts are the same. Pixels then take memory for each
             wavelength.
+        scatter_prob: With this probability rays scatter where a share of the light does; or probabilities by the surface's
+            name, such as ``{"M1*": 0.5}``, in which ``*`` stands for any characters. Weights make up for it. None leaves it to
+            the scene's own ``scatter_prob``.
+        scatter_to: Towards what a share of the scattered rays goes: ``{"M1*": "image"}``, or a list of entries of ``surface``,
+            ``target`` and ``share`` (0.5), as scene files have them. A target is a detector, a surface, or one shape: a sphere, a
+            disk or a cone. Weights make up for it. None leaves it to the scene's own ``scatter_to``. Gradients take plain rays.
 
     Raises:
         UsageError: There is no such precision or sampler. A trace raises it where ``where`` makes no sense in the scene.
@@ -102,7 +109,8 @@ class NsqGpuBackend(TracerBackend):
                  time_limit: float | None = None, standard_error: bool | None = None,
                  sampler: str = "pcg", max_depth: int | None = None, paths: bool = False,
                  where: str | None = None, gradient: str | None = "interior", backward_seed: int | None = None,
-                 check_edges: bool = True, guide: bool = False, photometric: bool | None = None) -> None:
+                 check_edges: bool = True, guide: bool = False, photometric: bool | None = None,
+                 scatter_prob: ScatterProb = None, scatter_to: ScatterTo = None) -> None:
         for name, given, known in (("precision", precision, PRECISIONS), ("sampler", sampler, SAMPLERS)):
             if given not in known:
                 raise UsageError(f"{name} is {given!r}; give one of {', '.join(known)}")
@@ -132,6 +140,9 @@ class NsqGpuBackend(TracerBackend):
         self.where = where
         self.guide = guide
         self.photometric = photometric
+        self.scatter_prob = scatter_prob
+        self.scatter_to = scatter_to
+        keys_of(scatter_prob, scatter_to)
         if gradient not in ("interior", None):
             raise UsageError(f"gradient is {gradient!r}; give 'interior' or None")
         self.gradient = gradient
@@ -168,6 +179,13 @@ class NsqGpuBackend(TracerBackend):
         """
         binary = find_binary(self.binary)
         exported = export_wanted(scene) if self._differentiates() else export(scene)
+        keys = keys_of(self.scatter_prob, self.scatter_to)
+        with answering(keys):
+            return self._trace(binary, scene, scattered(exported, keys), num_rays, max_depth, min_flux_fraction, seed, record_paths)
+
+    def _trace(self, binary: str, scene: NSQScene, exported: ExportedScene, num_rays: int, max_depth: int, min_flux_fraction: float,
+               seed: int | None, record_paths: bool | int) -> Result:
+        """Trace what was exported of a scene."""
         if record_paths:
             check_paths(scene, exported.surface_labels)
         options = self._options(num_rays, max_depth, min_flux_fraction, seed, record_paths)
@@ -248,18 +266,18 @@ class NsqGpuBackend(TracerBackend):
             self.report = answer.report
             warn_of(answer.report, answer.missed_target)
             # The gradient would be of all rays.
-            attach = self._attach(session, text, scene, exported, options) if carries_graph and not partial else None
+            attach = self._attach(session, scene, without(exported), options) if carries_graph and not partial else None
             return fill_scene(scene, answer.report, answer.arrays, exported.surface_labels, "record_paths" in options, attach,
                               partial, text)
 
         with Shown(self.progress) as shown:
             return session.kept(text, options, result_of, timeout=self.timeout, progress=shown.of_json, name=EXPORTED)
 
-    def _attach(self, session: Session, text: str, scene: NSQScene, exported: ExportedScene,
-                options: dict[str, Any]) -> Callable[[], None]:
+    def _attach(self, session: Session, scene: NSQScene, exported: ExportedScene, options: dict[str, Any]) -> Callable[[], None]:
         """Return what puts the scene's maps on the graph of its tensors."""
         from nsq_gpu.autograd import Traced, attach, smooth_detectors
 
+        text = to_json(exported.document, indent=None)
         options = {name: value for name, value in options.items() if name not in _FORWARDS_ALONE}
         if self.backward_seed is not None:
             options["seed"] = whole_number("backward_seed", self.backward_seed) % _SEEDS

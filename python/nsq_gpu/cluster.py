@@ -34,6 +34,7 @@ from nsq_gpu.integrity import read_report
 from nsq_gpu.process import run, seconds
 from nsq_gpu.progress import Counter, Progress, Shown
 from nsq_gpu.results import Result, check_paths, fill_scene, in_folder, warn_of
+from nsq_gpu.scattering import ScatterProb, ScatterTo, answering, keys_of, scattered
 from nsq_gpu.session import EXPORTED, Answer, Session, as_written, numbers_of_rays
 from nsq_gpu.sweeps import Point, Sweep
 from nsq_gpu.sweeps import run as run_points
@@ -85,7 +86,7 @@ class Traced(NamedTuple):
 def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None = None, *, seed: int = 0,
           max_depth: int = 16, precision: str = "auto", adapter: str | None = None, binary: str | None = None,
           any_driver: bool = False, target_error: float | str | None = None, timeout: float | None = None,
-          progress: Progress = None, **options: Any) -> Result:
+          progress: Progress = None, scatter_prob: ScatterProb = None, scatter_to: ScatterTo = None, **options: Any) -> Result:
     """Trace a scene on a Dask cluster; return Optiland's result, and leave live detectors as its own backends do.
 
     The bits are those of ``nsq-gpu trace -n NUM_RAYS`` with ``--strict``, where the adapters allow strict arithmetic.
@@ -114,6 +115,8 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
             ``-n`` that many rays ``--of-rays NUM_RAYS``, guided by what was learned for all. Ranges beyond it are thrown away.
         timeout: Longest time of the call [s], waits for workers included.
         progress: As that of :class:`nsq_gpu.NsqGpuBackend`; a range counts when it is done.
+        scatter_prob: As that of :class:`nsq_gpu.NsqGpuBackend`.
+        scatter_to: As that of :class:`nsq_gpu.NsqGpuBackend`.
         options: Further options of ``nsq-gpu trace`` by their names, such as ``paths=True``. The table of paths is that
             of one trace of all rays. Files of ``guide_from`` and ``guide_to`` are read and written here alone.
 
@@ -132,7 +135,8 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
                          "by `nsq-gpu trace --first-ray N --proof -o DIR`, and add them up by `nsq-gpu merge`")
     deadline = _Deadline(timeout)
     target = None if target_error is None else _fraction(target_error)
-    exported = export(scene)
+    keys = keys_of(scatter_prob, scatter_to)
+    exported = scattered(export(scene), keys)
     text = to_json(exported.document, indent=None)
     program = find_binary(binary)
     options = {name: value for name, value in as_written(options).items() if value is not None}
@@ -147,7 +151,8 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
         guiding = _guiding(options, exported.document.get("nsq_gpu", {}).get("sampling"), folder)
         options = {name: value for name, value in options.items() if name not in _OF_GUIDES}
         traced = {"num_rays": num_rays, "seed": seed, "max_depth": max_depth, "precision": precision, **options, **guiding}
-        decided = _decide(program, text, folder, traced, timeout)
+        with answering(keys):
+            decided = _decide(program, text, folder, traced, timeout)
         file = guiding.get("guide_from", guiding.get("guide_to"))
         guide = None if file is None else Path(file).read_text(encoding="utf-8")
         arguments = [f"--{name.replace('_', '-')}={value}" for name, value in
@@ -197,7 +202,7 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
 def sweep(scene: NSQScene, numbers: Mapping[str, Sequence[float]], num_rays: int, client: Any = None, *, zip: bool = False,
           common_draws: bool = True, maps: bool = False, seed: int = 0, max_depth: int = 16, precision: str = "auto",
           adapter: str | None = None, binary: str | None = None, any_driver: bool = False, timeout: float | None = None,
-          progress: Progress = None, **options: Any) -> Sweep:
+          progress: Progress = None, scatter_prob: ScatterProb = None, scatter_to: ScatterTo = None, **options: Any) -> Sweep:
     """Trace a scene with every combination of some numbers' values, a task each: :meth:`nsq_gpu.Session.sweep`.
 
     Each process of a worker keeps a session, so that scenes of one shape are compiled once there. Arguments are those of
@@ -212,11 +217,13 @@ def sweep(scene: NSQScene, numbers: Mapping[str, Sequence[float]], num_rays: int
     """
     num_rays, seed, max_depth = numbers_of_rays(num_rays, seed, max_depth).values()
     deadline = _Deadline(timeout)
-    text = to_json(export(scene).document, indent=None)
+    keys = keys_of(scatter_prob, scatter_to)
+    text = to_json(scattered(export(scene), keys).document, indent=None)
     program = find_binary(binary)
     with tempfile.TemporaryDirectory(prefix="nsq-gpu-") as folder:
         traced = {"num_rays": num_rays, "seed": seed, "max_depth": max_depth, "precision": precision, "adapter": adapter}
-        decided = _decide(program, text, Path(folder), traced | as_written(options), timeout)
+        with answering(keys):
+            decided = _decide(program, text, Path(folder), traced | as_written(options), timeout)
     named = {"num_rays": num_rays, "max_depth": max_depth, **decided, **options}
 
     with Shown(progress) as shown, _client(client, deadline) as used:
@@ -232,6 +239,24 @@ def sweep(scene: NSQScene, numbers: Mapping[str, Sequence[float]], num_rays: int
                     yield answer
 
         return run_points(trace_all, numbers, zip, common_draws, maps)
+
+
+def spread(task: Callable[..., Traced], text: str, calls: Callable[[int], Sequence[tuple[Any, ...]]], client: Any, program: str,
+           timeout: float | None) -> Iterator[tuple[int, Any]]:
+    """Yield place and answer of each call of a task with a scene's text, in whichever order they are done.
+
+    ``calls`` gets how many workers there are, or are reckoned with where none is there yet. Whatever ends this cancels what is left.
+    """
+    deadline = _Deadline(timeout)
+    with _client(client, deadline) as used:
+        found = _answers(used, task, text, calls(len(used.nthreads()) or _WORKERS), program, True, deadline, in_order=False)
+        with closing(found) as answers:
+            yield from answers
+
+
+def traced_by(program: str, answer: Any) -> Traced:
+    """Return what a task returns: its answer, and the program that gave it."""
+    return Traced(answer, _provenance(program))
 
 
 def trace_range(text: str, first: int, count: int, arguments: Sequence[str], binary: str | None,

@@ -51,13 +51,17 @@ def check_not_ending() -> None:
         raise NsqGpuError(ENDING)
 
 
-def answer(command: Sequence[str]) -> Any:
+def answer(command: Sequence[str], timeout: float | None = None) -> Any:
     """Return the JSON that a short command prints, whatever its exit code says beside it.
 
     Raises:
         NsqGpuError: It printed none; the class says why.
+        TraceTimeoutError: It ran longer than ``timeout`` [s].
     """
-    done = subprocess.run(command, capture_output=True, stdin=subprocess.DEVNULL, check=False)
+    try:
+        done = subprocess.run(command, capture_output=True, stdin=subprocess.DEVNULL, check=False, timeout=seconds(timeout))
+    except subprocess.TimeoutExpired:
+        raise TraceTimeoutError(f"the command took longer than timeout = {timeout:g} s and was ended") from None
     try:
         return json.loads(done.stdout)
     except ValueError as error:

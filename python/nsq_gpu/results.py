@@ -24,6 +24,7 @@ from optiland.nonsequential.diagnostics import Diagnostics, build_diagnostics
 from optiland.nonsequential.path_recording import _EVENT_DTYPE
 from optiland.nonsequential.tracer import SimulationResult
 
+from nsq_gpu.detectors import SphereFarField
 from nsq_gpu.display import Displayed, Summary, error_of, number
 from nsq_gpu.errors import (
     NsqGpuError,
@@ -425,6 +426,7 @@ _FILL: dict[type, Callable[[Any, Json, Any], None]] = {
     IrradianceDetector: _fill_irradiance,
     SpectralDetector: _fill_spectral,
     FarFieldDetector: _fill_far_field,
+    SphereFarField: _fill_far_field,
     RayDatabaseDetector: _fill_ray_database,
 }
 

@@ -220,11 +220,12 @@ def scene_from_dict(document: Json, folder: Path | None = None) -> NSQScene:
         _add_source(scene, spec, materials, folder)
     for spec in document.get("detectors", []):
         extra = block.get("detectors", {}).get(spec["name"], {})
-        scene.add_detector(spec["name"], _frame(spec["cs"]), _detector_config(spec, extra))
+        _add_detector(scene, spec, extra)
     sampling = dict(block.get("sampling") or {})
-    if "guide" in sampling:
-        # Optiland's policy has no place for it.
-        scene.guided_light = sampling.pop("guide")
+    # Optiland's policy has no place for these.
+    for key, attribute in (("guide", "guided_light"), ("scatter_prob", "scatter_prob"), ("scatter_to", "scatter_to")):
+        if key in sampling:
+            setattr(scene, attribute, sampling.pop(key))
     scene.sampling_policy = SamplingPolicy(**sampling)
     if block.get("elements"):
         scene.elements = block["elements"]
@@ -485,6 +486,17 @@ def _source_config(spec: Json, materials: Materials) -> Any:
     )
 
 
+def _add_detector(scene: NSQScene, spec: Json, extra: Json) -> None:
+    frame = _frame(spec["cs"])
+    if not spec.get("sphere"):
+        scene.add_detector(spec["name"], frame, _detector_config(spec, extra))
+        return
+    from nsq_gpu.detectors import SphereFarField
+
+    given = {key: spec[key] for key in ("num_bins_theta", "num_bins_phi", "absorb") if spec.get(key) is not None}
+    scene.detector_registry.add(spec["name"], SphereFarField(frame, **given))
+
+
 def _detector_config(spec: Json, extra: Json) -> Any:
     configs = {
         "irradiance": IrradianceDetectorConfig,
@@ -494,5 +506,6 @@ def _detector_config(spec: Json, extra: Json) -> Any:
     }
     # The one pair of names that differs between v1 and the config.
     names = {"num_bins_theta": "num_theta", "num_bins_phi": "num_phi"} if spec["type"] == "far_field" else {}
-    parameters = {names.get(key, key): value for key, value in spec.items() if key not in ("type", "name", "cs")}
+    parameters = {names.get(key, key): value for key, value in spec.items()
+                  if key not in ("type", "name", "cs", "sphere") and value is not None}
     return configs[spec["type"]](**parameters, **extra)

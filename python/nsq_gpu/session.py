@@ -27,6 +27,7 @@ from nsq_gpu.export.values import whole_number
 from nsq_gpu.process import ENDING, LONG_GRACE, TICK, check_not_ending, seconds
 from nsq_gpu.progress import Counter, Progress, Shown
 from nsq_gpu.results import Result, check_paths, fill_scene, warn_of
+from nsq_gpu.scattering import ScatterProb, ScatterTo, answering, keys_of, scattered
 from nsq_gpu.sweeps import Point, Sweep, run
 
 Json = dict[str, Any]
@@ -126,7 +127,7 @@ class Session:
         self._running()
 
     def trace(self, scene: NSQScene, num_rays: int, *, seed: int = 0, max_depth: int = 16, timeout: float | None = None,
-              progress: Progress = None, **options: Any) -> Result:
+              progress: Progress = None, scatter_prob: ScatterProb = None, scatter_to: ScatterTo = None, **options: Any) -> Result:
         """Trace a scene; return Optiland's result, and leave live detectors as its own backends do.
 
         Args:
@@ -136,6 +137,8 @@ class Session:
             max_depth: Largest number of events of a ray.
             timeout: Longest time of the trace [s].
             progress: As that of :class:`nsq_gpu.NsqGpuBackend`.
+            scatter_prob: As that of :class:`nsq_gpu.NsqGpuBackend`.
+            scatter_to: As that of :class:`nsq_gpu.NsqGpuBackend`.
             options: Further options of ``nsq-gpu trace`` by their names, such as ``sampler="sobol"``,
                 ``standard_error=True``, ``record_paths=True``, ``paths=True``, ``where="reflections == 2"``,
                 ``photometric=True``.
@@ -145,7 +148,8 @@ class Session:
             Interrupted: Ctrl-C ended the trace. ``partial`` is the result of the rays that were traced, and the live
                 detectors hold it too. So it is with TraceTimeoutError.
         """
-        exported = export(scene)
+        keys = keys_of(scatter_prob, scatter_to)
+        exported = scattered(export(scene), keys)
         options = as_written(options)
         records_paths = options.get("record_paths") is not None
         if records_paths:
@@ -158,7 +162,7 @@ class Session:
             return fill_scene(scene, answer.report, answer.arrays, exported.surface_labels, records_paths, partial=partial,
                               text=text)
 
-        with Shown(progress) as shown:
+        with answering(keys), Shown(progress) as shown:
             return self.kept(text, named, result_of, timeout=timeout, progress=shown.of_json, name=EXPORTED)
 
     def kept(self, scene: str | Json, options: Mapping[str, Any], result_of: Callable[[Answer, bool], Any], **more: Any) -> Any:
@@ -177,7 +181,8 @@ class Session:
 
     def sweep(self, scene: NSQScene, numbers: Mapping[str, Sequence[float]], num_rays: int, *, zip: bool = False,
               common_draws: bool = True, maps: bool = False, seed: int = 0, max_depth: int = 16,
-              timeout: float | None = None, progress: Progress = None, **options: Any) -> Sweep:
+              timeout: float | None = None, progress: Progress = None, scatter_prob: ScatterProb = None,
+              scatter_to: ScatterTo = None, **options: Any) -> Sweep:
         """Trace a scene with every combination of some numbers' values; the live scene stays as it is.
 
         A point that cannot be traced, such as a lens of negative thickness, is NaN, and NsqGpuWarning names it.
@@ -200,6 +205,8 @@ class Session:
             max_depth: Largest number of events of a ray.
             timeout: Longest time of the whole sweep [s].
             progress: As that of :class:`nsq_gpu.NsqGpuBackend`, with the rays of all points.
+            scatter_prob: As that of :class:`nsq_gpu.NsqGpuBackend`.
+            scatter_to: As that of :class:`nsq_gpu.NsqGpuBackend`.
             options: Further options of ``nsq-gpu trace`` by their names.
 
         Raises:
@@ -207,7 +214,8 @@ class Session:
             Interrupted: Ctrl-C ended the sweep; ``partial`` is the sweep of the points that are done.
         """
         check_mapping("numbers", numbers, '{"L1.r1": [50, 55]}')
-        text = to_json(export(scene).document, indent=None)
+        keys = keys_of(scatter_prob, scatter_to)
+        text = to_json(scattered(export(scene), keys).document, indent=None)
         timeout = seconds(timeout)
         deadline = None if timeout is None else time.monotonic() + timeout
         known: set[str] = set()
@@ -219,7 +227,8 @@ class Session:
                 named = numbers_of_rays(num_rays, seed + index, max_depth) | options
                 left = None if deadline is None else max(deadline - time.monotonic(), 0.0)
                 try:
-                    answer = self.request(text, named, name=EXPORTED, numbers=values, timeout=left, progress=counted.of_json)
+                    with answering(keys):
+                        answer = self.request(text, named, name=EXPORTED, numbers=values, timeout=left, progress=counted.of_json)
                 except TraceTimeoutError:
                     raise TraceTimeoutError(f"the sweep took longer than timeout = {timeout:g} s and was ended") from None
                 except (SceneError, UsageError) as error:

@@ -21,6 +21,7 @@ from optiland.nonsequential.results import FarFieldPattern, IrradianceMap, RayDa
 from nsq_gpu import placing
 from nsq_gpu.errors import NsqGpuError, UsageError
 from nsq_gpu.integrity import REPORT, load_arrays, read_report
+from nsq_gpu.pst_table import JSON as PST
 from nsq_gpu.results import ROWS, Result, result_of, with_ledger
 
 if TYPE_CHECKING:
@@ -162,6 +163,8 @@ def load(folder: str | os.PathLike[str]) -> Result:
     """
     folder = Path(folder)
     if not (folder / REPORT).is_file():
+        if (folder / PST).is_file():
+            raise UsageError(f"{folder}: holds a point source transmittance; read it by nsq_gpu.PstResult.load({str(folder)!r})")
         what = "there is no such folder" if not folder.exists() else f"has no {REPORT}"
         raise UsageError(f"{folder}: {what}; give a folder that result.save or `nsq-gpu trace -o` wrote")
     report = read_report(folder)

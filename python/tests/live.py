@@ -31,7 +31,7 @@ from tests.oracle import Json
 ROOT = Path(__file__).resolve().parents[2]
 SCENES = sorted((ROOT / "scenes").glob("*.json"))
 KINDS = {"IrradianceDetector": "irradiance", "SpectralDetector": "spectral", "FarFieldDetector": "far_field",
-         "RayDatabaseDetector": "ray_database"}
+         "RayDatabaseDetector": "ray_database", "SphereFarField": "far_field"}
 #: Largest difference of a recorded path's column, in units of its largest magnitude.
 PATH_LIMIT = 1e-9
 

@@ -13,10 +13,12 @@ import numpy as np
 import pytest
 from optiland.nonsequential import NSQScene
 from optiland.nonsequential.detectors.configs import FarFieldDetectorConfig, IrradianceDetectorConfig
+from optiland.nonsequential.detectors.far_field import FarFieldDetector
 from optiland.nonsequential.sources.base import Spectrum
 from optiland.nonsequential.sources.configs import ExtendedSourceConfig
 
 import nsq_gpu
+from nsq_gpu.detectors import SphereFarField
 from nsq_gpu.photometry import luminous_efficacy
 from nsq_gpu.plotting import in_equal_solid_angles
 from nsq_gpu.sources import TabulatedSource
@@ -328,3 +330,66 @@ def test_files_of_lamps_that_cannot_be_are_refused(result: nsq_gpu.Result, watts
     with pytest.raises(nsq_gpu.UsageError, match=said):
         (result if of == "result" else watts).export_lamp(tmp_path / place, *more)
     assert not list(tmp_path.iterdir())
+
+
+# Over the sphere
+
+
+def around(photometric: bool = True) -> NSQScene:
+    """Return a lamp that shines on both sides, and the directions of all of its light."""
+    scene = NSQScene()
+    polar = np.linspace(0.0, 180.0, 181)
+    flux = {"total_flux_lumens": 100.0} if photometric else {"total_flux": 1.0}
+    scene.source_registry.add("lamp", TabulatedSource(cs(), WHITE, polar, 1.0 + np.cos(np.radians(polar)) ** 2, **flux))
+    scene.detector_registry.add("sky", SphereFarField(cs(), 18, 12))
+    return scene
+
+
+def test_a_far_field_over_the_sphere_is_that_of_optilands_backends() -> None:
+    live.assert_equals_numpy(around(photometric=False), 5000)
+
+
+def test_a_far_field_over_the_sphere_is_read_traced_and_written(tmp_path: Path) -> None:
+    path, again = tmp_path / "scene.json", tmp_path / "again.json"
+    scene = around()
+    nsq_gpu.export_scene(scene, path)
+    entry = json.loads(path.read_text())["detectors"][0]
+    assert (entry["sphere"], entry["num_bins_theta"], entry["num_bins_phi"], entry["absorb"]) == (True, 18, 12, True)
+    found = nsq_gpu.load_scene(path)
+    assert type(found.detectors[0]) is SphereFarField
+    nsq_gpu.export_scene(found, again)
+    assert again.read_text() == path.read_text()
+    result = found.trace(20_000, seed=2, backend=live.backend())
+    sky = result.detectors["sky"]
+    assert sky.intensity.shape == sky.luminous_intensity.shape == (18, 12) and list(sky.theta[[0, -1]]) == [5.0, 175.0]
+    edges = np.radians(np.arange(0.0, 181.0, 10.0))
+    assert np.array_equal(sky.intensity, scene.trace(20_000, seed=2, backend=live.backend()).detectors["sky"].intensity)
+    assert sky.total_flux == pytest.approx((sky.intensity.mean(axis=1) * 2.0 * np.pi * np.sin((edges[1:] + edges[:-1]) / 2.0)
+                                            * np.radians(10.0)).sum(), rel=1e-9)
+    result.export_lamp(tmp_path / "lamp.ies")
+    assert "[LUMINAIRE] sky" in (tmp_path / "lamp.ies").read_text()
+    result.plot("sky", kind="polar")
+    result.save(tmp_path / "saved")
+    assert np.array_equal(nsq_gpu.load(tmp_path / "saved").detectors["sky"].luminous_intensity, sky.luminous_intensity)
+
+
+def test_false_and_defaults_of_a_file_are_optilands(tmp_path: Path) -> None:
+    path = tmp_path / "scene.json"
+    nsq_gpu.export_scene(around(), path)
+    document = json.loads(path.read_text())
+    for written, kind, bins in (({"sphere": False}, FarFieldDetector, (90, 360)), ({"sphere": True}, SphereFarField, (180, 360)),
+                                ({"sphere": True, "num_bins_theta": 4}, SphereFarField, (4, 360))):
+        document["detectors"] = [{"type": "far_field", "name": "sky", "cs": {}, **written}]
+        path.write_text(json.dumps(document))
+        found = nsq_gpu.load_scene(path).detectors[0]
+        assert type(found) is kind and (found.num_bins_theta, found.num_bins_phi) == bins
+        assert found._intensity.shape == bins
+
+
+def test_a_far_field_over_the_sphere_refuses_odd_bins_and_optilands_files(tmp_path: Path) -> None:
+    with pytest.raises(nsq_gpu.UsageError, match="num_bins_theta is 9; give an even number"):
+        SphereFarField(cs(), 9)
+    with pytest.raises(nsq_gpu.UnsupportedSceneError, match="Optiland's scene files know no SphereFarField"):
+        scene = lamp()
+        scene.detector_registry.add("all", SphereFarField(cs(), 18, 12))
+        scene.to_json(tmp_path / "scene.json")

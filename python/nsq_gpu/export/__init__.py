@@ -20,6 +20,7 @@ from nsq_gpu.export.detectors import detectors
 from nsq_gpu.export.materials import Media
 from nsq_gpu.export.sources import sources, spectra
 from nsq_gpu.export.values import Json, Wanted, drop_gradient, number, refuse_type, wanted_gradients
+from nsq_gpu.scattering import keys_of_scene
 
 #: Version of Optiland's schema that is written.
 SCHEMA_VERSION = 1
@@ -79,7 +80,7 @@ def export(scene: NSQScene) -> ExportedScene:
         "order": parts.order if parts.order_needed() else None,
         "elements": elements(scene, {*parts.order, *(item["name"] for item in (*source_list, *detector_list))}),
         "detectors": extras,
-        "sampling": sampling(getattr(scene, "sampling_policy", None), getattr(scene, "guided_light", None)),
+        "sampling": sampling(getattr(scene, "sampling_policy", None), getattr(scene, "guided_light", None), keys_of_scene(scene)),
     }
     document: Json = {
         "nsq_schema_version": SCHEMA_VERSION,
@@ -164,9 +165,9 @@ def elements(scene: NSQScene, known: set[str]) -> list[Json]:
     return found
 
 
-def sampling(policy: Any, guide: Json | None = None) -> Json | None:
-    """Return a sampling policy with the light to which rays are guided, unless it is the default."""
-    guided = {} if guide is None else {"guide": guide}
+def sampling(policy: Any, guide: Json | None = None, scattering: Json | None = None) -> Json | None:
+    """Return a sampling policy with the light to which rays are guided, and how they scatter, unless it is the default."""
+    guided = {**({} if guide is None else {"guide": guide}), **{key: value for key, value in (scattering or {}).items() if value}}
     if policy is None or policy == SamplingPolicy():
         return guided or None
     if type(policy) is not SamplingPolicy:

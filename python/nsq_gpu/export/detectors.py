@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable
 from typing import Any
 
@@ -13,6 +14,7 @@ from optiland.nonsequential.detectors.ray_database import RayDatabaseDetector
 from optiland.nonsequential.detectors.spectral import SpectralDetector
 from optiland.nonsequential.scene import NSQScene
 
+from nsq_gpu.detectors import SphereFarField
 from nsq_gpu.export.values import Json, coordinate_system, number, numbers, refuse, refuse_type
 
 #: Radius of the disk that stands for the far field [mm].
@@ -72,12 +74,14 @@ def _check_even(edges: Any, even: np.ndarray, place: str) -> None:
 
 
 def _far_field(live: Any, place: str) -> Json:
-    _check_even(live._theta_edges, np.linspace(0.0, 90.0, live.num_bins_theta + 1), f"{place}: theta")
+    is_sphere = type(live) is SphereFarField
+    _check_even(live._theta_edges, np.linspace(0.0, 180.0 if is_sphere else 90.0, live.num_bins_theta + 1), f"{place}: theta")
     _check_even(live._phi_edges, np.linspace(-180.0, 180.0, live.num_bins_phi + 1), f"{place}: phi")
     geometry = live.geometry
     if type(geometry) is not FinitePlaneGeometry or geometry.aperture_radius != FAR_FIELD_RADIUS:
         raise refuse(place, "its aperture is not Optiland's default", f"leave it at {FAR_FIELD_RADIUS:g} mm")
-    return {"num_bins_theta": int(live.num_bins_theta), "num_bins_phi": int(live.num_bins_phi)}
+    bins = {"num_bins_theta": operator.index(live.num_bins_theta), "num_bins_phi": int(live.num_bins_phi)}
+    return {**bins, "sphere": True} if is_sphere else bins
 
 
 def _ray_database(live: Any, place: str) -> Json:
@@ -91,5 +95,6 @@ _KINDS: dict[type, tuple[str, Callable[[Any, str], Json]]] = {
     IrradianceDetector: ("irradiance", _pixels),
     SpectralDetector: ("spectral", _spectral),
     FarFieldDetector: ("far_field", _far_field),
+    SphereFarField: ("far_field", _far_field),
     RayDatabaseDetector: ("ray_database", _ray_database),
 }
