@@ -26,7 +26,7 @@ NOTHING_MOVES = """document.head.appendChild(document.createElement("style")).te
 DRAWN = "requestAnimationFrame(() => requestAnimationFrame(arguments[0]))"
 SEARCH_IS_OVER = "return / found|did not match/.test(document.querySelector('#search-results').textContent)"
 #: What users call things, and the page that must be among the first found: that of words, or one of its own.
-WORDS = dict.fromkeys(("PST", "black paint", "light pipe", "TIR", "inch"), "reference/words")
+WORDS = {"PST": "how-to/stray-light"} | dict.fromkeys(("black paint", "light pipe", "TIR", "inch"), "reference/words")
 WORDS |= dict.fromkeys(("lux", "candela", "uniformity", "beam angle"), "how-to/illumination")
 WORDS |= {"tolerance": "how-to/tolerances", "AR coating": "notebooks/coated_lens"}
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-import signal
 import subprocess
-import threading
-import time
 import warnings
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +26,7 @@ from nsq_gpu import pst_trace
 from nsq_gpu.bsdf import KCorrelation, by_tis
 from tests import live
 from tests.live import cs
+from tests.test_nothing_lost import interrupted_after
 from tests.test_scattering import wall
 
 matplotlib.use("Agg")
@@ -39,6 +38,8 @@ B0, B, S = 0.01, 100.0, 1.5
 #: Places of detectors in the focal plane [mm].
 PLACES = (0.0, 1.0, 5.0, 10.0, 20.0)
 LINE = Spectrum(np.array([0.55]), np.array([1.0]))
+#: After so long a call of many directions has done some of them [s].
+LONG = 8.0
 OPTIONS = {"source": "star", "num_rays": 20_000, "seed": 3}
 
 
@@ -228,16 +229,10 @@ def test_a_function_follows_the_parts_and_changes_no_bit(turned: nsq_gpu.PstResu
 
 def stopped(how: str) -> Any:
     """Return the exception of a call that is stopped after some directions."""
-    def start() -> None:
-        time.sleep(4.0)
-        os.kill(os.getpid(), signal.SIGINT)
-
-    angles = np.linspace(0.0, 2.0, 2000)
-    if how == "ctrl-c":
-        threading.Thread(target=start, daemon=True).start()
+    ends = interrupted_after(LONG) if how == "ctrl-c" else nullcontext()
     expected = nsq_gpu.Interrupted if how == "ctrl-c" else nsq_gpu.TraceTimeoutError
-    with pytest.raises(expected) as caught:
-        found_of(parabola(), angles, "x5", num_rays=5000, timeout=4.0 if how == "timeout" else None, **toward("x5"))
+    with ends, pytest.raises(expected) as caught:
+        found_of(parabola(), np.linspace(0.0, 2.0, 2000), "x5", num_rays=20_000, timeout=LONG if how == "timeout" else None, **toward("x5"))
     return caught.value
 
 
@@ -247,7 +242,7 @@ def test_a_stop_keeps_the_directions_that_are_done(how: str) -> None:
     partial = stopped(how).partial
     done = int((partial.num_rays > 0).sum())
     assert partial.partial and 0 < done < 2000
-    assert (partial.num_rays[:done, 0] == 5000).all() and np.isfinite(partial.pst[:done]).all() and np.isnan(partial.pst[done:]).all()
+    assert (partial.num_rays[:done, 0] == 20_000).all() and np.isfinite(partial.pst[:done]).all() and np.isnan(partial.pst[done:]).all()
     assert f"partial: {done} of 2000 directions" in repr(partial)
     assert "stopped before its end" in partial.plot().get_title()
 
