@@ -51,6 +51,9 @@ results carry a graph to tensors that have ``requires_grad``, where TorchBackend
 
 ``ghosts(optic)`` is the table of a lens's ghosts over its fields, with maps of the worst ones.
 
+``pst(telescope, range(0, 61, 2), "image", scatter_to={"M*": "image"})`` is the point source transmittance, ``stray_surfaces`` the
+surfaces to blame, and ``veiling_glare(optic, half_spot_deg=1)`` the glare in the image of a black spot.
+
 ``finish("black paint")``, ``polished``, ``ground`` and ``dusty`` are surfaces with the sources of their numbers;
 ``from_step("mount.step", {"barrel*": "black paint"}, scene=scene)`` adds mounts and baffles of a CAD program.
 

@@ -17,7 +17,7 @@ import pytest
 from optiland.nonsequential import NSQScene
 from optiland.nonsequential.bsdf import LambertianBSDF
 from optiland.nonsequential.components.configs import MirrorConfig, SurfaceConfig
-from optiland.nonsequential.detectors.configs import FarFieldDetectorConfig, IrradianceDetectorConfig
+from optiland.nonsequential.detectors.configs import IrradianceDetectorConfig
 from optiland.nonsequential.sources.base import Spectrum
 from optiland.nonsequential.sources.configs import CollimatedSourceConfig
 
