@@ -335,7 +335,6 @@ def test_what_makes_no_sense_is_refused_by_name(options: dict[str, Any], said: s
         found_of(given.pop("scene"), given.pop("angles_deg"), given.pop("detector"), **given)
 
 
-@pytest.mark.xfail(reason="nsq-gpu pst takes a far field for a disk of a kilometre")
 def test_a_far_field_changes_nothing_of_a_beam_that_overfills_the_scene() -> None:
     options = {"source": None, "num_rays": 20_000, "scatter_to": {"wall*": "image"}}
     without = wall()
@@ -343,7 +342,6 @@ def test_a_far_field_changes_nothing_of_a_beam_that_overfills_the_scene() -> Non
     assert found_of(wall(), [0.0], "image", **options).pst[0, 0] == pytest.approx(found_of(without, [0.0], "image", **options).pst[0, 0])
 
 
-@pytest.mark.xfail(reason="nsq-gpu pst takes a far field for a disk of a kilometre")
 def test_a_far_field_has_no_irradiance() -> None:
     with pytest.raises(nsq_gpu.UsageError, match="the detector `sky` has no area"):
         found_of(wall(), [0.0], "sky", source="beam")

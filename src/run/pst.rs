@@ -9,7 +9,7 @@ use crate::format::shown;
 use crate::model::place::did_you_mean;
 use crate::model::shapes::Outline;
 use crate::model::sources::collimated::Collimated;
-use crate::model::{End, Frame, SceneIr, SourceKind, Step, StepKind};
+use crate::model::{DetectorKind, End, Frame, SceneIr, SourceKind, Step, StepKind};
 use crate::result::Tally;
 use crate::run::{Collect, Next, Run, Session, Status, TraceOptions};
 use crate::scene::Scene;
@@ -207,8 +207,10 @@ impl<'a> Beam<'a> {
         })?;
         let area = match model.detectors[detector].outline() {
             Outline::Rectangle { width, height } => width * height,
-            Outline::Disk { radius } => PI * radius * radius,
-            Outline::Infinite => {
+            Outline::Disk { radius } if !is_far_field(&model.detectors[detector].kind) => {
+                PI * radius * radius
+            }
+            Outline::Disk { .. } | Outline::Infinite => {
                 let name = shown(&pst.detector);
                 return Err(Error::Usage(format!(
                     "the detector `{name}` has no area, and so no irradiance; name one of type irradiance"
@@ -269,7 +271,7 @@ impl<'a> Beam<'a> {
         model.sources = vec![source];
         // A far field around the scene would take the beam before it is in.
         for (number, detector) in model.detectors.iter_mut().enumerate() {
-            detector.absorb &= number == self.detector || detector.outline() != Outline::Infinite;
+            detector.absorb &= number == self.detector || !is_far_field(&detector.kind);
         }
         (model, PI * radius * radius / self.area)
     }
@@ -283,10 +285,25 @@ fn uniform_beam(kind: &SourceKind) -> Option<f64> {
     None
 }
 
+/// True of a far field, whose outline is a disk of a kilometre: it has no irradiance.
+pub(super) fn is_far_field(kind: &DetectorKind) -> bool {
+    match kind {
+        DetectorKind::FarField(_) => true,
+        DetectorKind::Apart(apart) => is_far_field(&apart.of),
+        DetectorKind::Irradiance(_) | DetectorKind::Spectral(_) | DetectorKind::RayDatabase(_) => false,
+    }
+}
+
 /// The corners of a box that holds all surfaces and detectors that have an edge.
 fn corners(model: &SceneIr) -> Vec<DVec3> {
     let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    for (frame, shape) in crate::model::primitives::primitives(model) {
+    let far_field = |number: usize| {
+        let detector =
+            number.checked_sub(model.surfaces.len()).and_then(|number| model.detectors.get(number));
+        detector.is_some_and(|detector| is_far_field(&detector.kind))
+    };
+    let primitives = crate::model::primitives::primitives(model);
+    for (_, (frame, shape)) in primitives.into_iter().enumerate().filter(|(number, _)| !far_field(*number)) {
         let Some(extent) = shape.extent(&model.meshes) else { continue };
         let (middle, reach) =
             (frame.origin + frame.rotation * extent.middle, extent.reach_along(&frame.rotation));

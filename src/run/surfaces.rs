@@ -9,6 +9,7 @@ use crate::model::place::did_you_mean;
 use crate::model::shapes::Outline;
 use crate::model::sources::extended::Extended;
 use crate::model::{Frame, Interaction, SceneIr, Source, SourceKind, StepKind};
+use crate::run::pst::is_far_field;
 use crate::run::{Collect, Next, RecordPaths, Run, Session, Status, TraceOptions};
 use crate::scene::Scene;
 use glam::{DMat3, DVec3};
@@ -151,7 +152,7 @@ fn backward(specular: &SceneIr, number: usize) -> Result<SceneIr> {
     let mut model = specular.clone();
     let detector = model.detectors.remove(number);
     let area = detector.outline();
-    if area == Outline::Infinite {
+    if area == Outline::Infinite || is_far_field(&detector.kind) {
         return Err(Error::Usage(format!(
             "the detector `{}` has no area, so that nothing can be said of what it sees; name one of type irradiance",
             shown(&detector.name)
