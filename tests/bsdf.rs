@@ -775,3 +775,114 @@ fn f32_scatters_as_f64_does() {
         }
     }
 }
+
+// Measured
+
+/// An asymmetrical table: by angle of incidence, azimuth and radial angle.
+fn lopsided(scatter_type: &str) -> Value {
+    let rows = |level: f64| {
+        let row =
+            |by: f64| json!([3.0 * level, 2.0 * level * by, 0.6 * level * by, 0.2 * level * by, 0.1 * level]);
+        json!([row(1.0), row(0.4), row(0.9), row(1.6)])
+    };
+    json!({"type": "measured", "scatter_type": scatter_type, "angle_of_incidence_deg": [20, 60],
+        "scatter_azimuth_deg": [0, 80, 180, 270], "scatter_radial_deg": [0, 10, 25, 60, 150],
+        "values": [rows(0.2), rows(0.5)]})
+}
+
+/// The value of that table in a direction, as written here; not 0 below the surface.
+fn lopsided_at(incidence: f64, azimuth: f64, radial: f64) -> f64 {
+    let linear = |xs: &[f64], ys: &[f64], x: f64| {
+        let i = xs.windows(2).position(|ends| (ends[0]..=ends[1]).contains(&x)).unwrap();
+        ys[i] + (ys[i + 1] - ys[i]) * (x - xs[i]) / (xs[i + 1] - xs[i])
+    };
+    if radial > 150.0 {
+        return 0.0;
+    }
+    let row =
+        |by: f64| linear(&[0.0, 10.0, 25.0, 60.0, 150.0], &[3.0, 2.0 * by, 0.6 * by, 0.2 * by, 0.1], radial);
+    let around = linear(
+        &[0.0, 80.0, 180.0, 270.0, 360.0],
+        &[row(1.0), row(0.4), row(0.9), row(1.6), row(1.0)],
+        azimuth.rem_euclid(360.0),
+    );
+    around * linear(&[20.0, 60.0], &[0.2, 0.5], incidence.clamp(20.0, 60.0))
+}
+
+/// Of a slanted pencil, every direction gets what the table says of it.
+#[test]
+fn a_measured_table_gives_each_direction_its_own() {
+    let (num_theta, num_phi, num_rays) = (9_usize, 8_usize, 400_000_u64);
+    for (incidence, scatter_type, precision) in [
+        (35.0, "BRDF", Precision::F64),
+        (35.0, "BRDF", Precision::Df64),
+        (75.0, "BRDF", Precision::F32),
+        (50.0, "BTDF", Precision::F64),
+        (10.0, "BTDF", Precision::F32),
+    ] {
+        let side = if scatter_type == "BRDF" { -1.0 } else { 1.0 };
+        let wall = scatterer(lopsided(scatter_type));
+        let ir = scene(pencil(incidence), &[wall], &[sky(20.0 * side, num_theta as u32)]);
+        let result = trace(&ir, num_rays, precision);
+        let DetectorData::FarField(found) = &result.detector("sky").unwrap().data else { panic!() };
+        let (sine, cosine) = incidence.to_radians().sin_cos();
+        let specular = glam::DVec3::new(sine, 0.0, side * cosine);
+        let normal = glam::DVec3::new(0.0, 0.0, side);
+        let towards = (normal - normal.dot(specular) * specular).normalize();
+        let across = specular.cross(towards);
+        let bsdf = |theta: f64, phi: f64| {
+            let d = glam::DVec3::new(theta.sin() * phi.cos(), theta.sin() * phi.sin(), side * theta.cos());
+            let radial = d.dot(specular).clamp(-1.0, 1.0).acos().to_degrees();
+            lopsided_at(incidence, d.dot(across).atan2(d.dot(towards)).to_degrees(), radial)
+        };
+        let (step_theta, step_phi) = (FRAC_PI_2 / num_theta as f64, 2.0 * PI / num_phi as f64);
+        let mut total = 0.0;
+        for i in 0..num_theta {
+            for j in 0..num_phi {
+                let n = 40;
+                let at = |k: i32, step: f64| step * (f64::from(k) + 0.5) / f64::from(n);
+                let expected: f64 = (0..n * n)
+                    .map(|k| {
+                        let theta = i as f64 * step_theta + at(k / n, step_theta);
+                        bsdf(theta, j as f64 * step_phi - PI + at(k % n, step_phi))
+                            * theta.sin()
+                            * theta.cos()
+                    })
+                    .sum::<f64>()
+                    * step_theta
+                    * step_phi
+                    / f64::from(n * n);
+                let edges = [i, i + 1].map(|i| i as f64 * step_theta);
+                let seen = found.intensity[[i, j]] * step_phi * (edges[0].cos() - edges[1].cos());
+                // No ray weighs more than 2.
+                let sigma = (2.0 * expected / num_rays as f64).sqrt();
+                assert!(
+                    (seen - expected).abs() < 4.5 * sigma + 2e-3 * expected,
+                    "{incidence} {scatter_type} {precision:?}, bin {i} {j}: {seen}, not {expected} +- {sigma}"
+                );
+                total += expected;
+            }
+        }
+        let flux = flux(&result, "sky");
+        assert!((flux / total - 1.0).abs() < 5e-3, "{flux} of {total}");
+    }
+}
+
+/// Where a file states its TIS, so much scatters; `tis` as the fraction makes the rest a mirror's.
+#[test]
+fn a_measured_file_keeps_its_energy() {
+    let mut table = lopsided("BRDF");
+    table["tis"] = json!([0.3, 0.1]);
+    for (incidence, share) in [(20.0, 0.3), (60.0, 0.1)] {
+        let ir = scene(pencil(incidence), &[scatterer(table.clone())], &[sky(-20.0, 9)]);
+        let seen = flux(&trace(&ir, 200_000, Precision::F64), "sky");
+        assert!((seen / share - 1.0).abs() < 6e-3, "{seen} of {share} at {incidence}");
+    }
+    let mirror = plane(
+        json!({ "interaction": "reflective", "reflectance": 1.0, "bsdf": table, "scatter_fraction": "tis" }),
+    );
+    let ir = scene(pencil(60.0), &[mirror], &[sky(-20.0, 9)]);
+    assert!((ir.surfaces[0].scatter.as_ref().unwrap().fraction - 0.3).abs() < 1e-12);
+    let seen = flux(&trace(&ir, 200_000, Precision::F64), "sky");
+    assert!((seen - (0.7 + 0.1)).abs() < 2e-3, "{seen}");
+}

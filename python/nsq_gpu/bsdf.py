@@ -17,6 +17,7 @@ from scipy.integrate import quad
 from scipy.interpolate import RegularGridInterpolator
 
 from nsq_gpu.errors import UnsupportedSceneError, without_gradient
+from nsq_gpu.measured import MeasuredBSDF as MeasuredBSDF
 
 #: Two directions differ by at most so much in direction cosines. Lobes are drawn up to there.
 _LONGEST_OFFSET = 2.0
@@ -181,7 +182,7 @@ def by_tis(bsdf: BaseBSDF) -> dict[str, Any]:
     ``"scatter_fraction": "tis"`` means in a scene file. A Harvey-Shack and a K-correlation lobe stay as they are. Their fraction
     is their integral over distances of direction cosines up to 2, because up to there they are drawn; what has no direction is lost.
     A Lambertian BSDF and a table carry their level in their weights. They become BSDFs of total integrated scatter 1, and their
-    own one is the fraction.
+    own one is the fraction. Of a measured one, both are those of the first angle of incidence.
 
     Raises:
         ValueError: The fraction exceeds 1, or is 0.
@@ -227,9 +228,12 @@ def _of_weights(bsdf: BaseBSDF) -> tuple[float, BaseBSDF]:
     """Return the total integrated scatter of a BSDF whose level is in its weights, and the BSDF without that level."""
     if type(bsdf) is LambertianBSDF:
         return _number("reflectance_value", bsdf.reflectance_value), LambertianBSDF(1.0, bsdf.transmissive_fraction)
+    if type(bsdf) is MeasuredBSDF:
+        first = float(bsdf.tis[0])
+        return first, bsdf.with_tis_1() if first > 0.0 else bsdf
     if type(bsdf) is not TabulatedBSDF:
         raise UnsupportedSceneError(f"a {type(bsdf).__name__} has no total integrated scatter that is known; give a HarveyShackBSDF, an ABg, a "
-                                    "KCorrelation, a LambertianBSDF or a TabulatedBSDF, or a number from 0 to 1 as scatter_fraction")
+                                    "KCorrelation, a LambertianBSDF, a TabulatedBSDF or a MeasuredBSDF, or a number from 0 to 1 as scatter_fraction")
     (incident, scattered), values = bsdf._interp.grid, np.asarray(bsdf._interp.values)
     total = _albedo(np.radians(scattered), values[0]) if incident[0] == 0.0 else 0.0
     level = copy.copy(bsdf)

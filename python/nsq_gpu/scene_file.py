@@ -337,6 +337,11 @@ def _bsdf(spec: Json | None, folder: Path) -> Any:
         from nsq_gpu.bsdf import KCorrelation
 
         return KCorrelation(**parameters)
+    if spec["type"] == "measured":
+        from nsq_gpu.bsdf import MeasuredBSDF
+
+        path = parameters.pop("path", None)
+        return MeasuredBSDF(**parameters) if path is None else MeasuredBSDF.from_file(folder / path)
     models: dict[str, Any] = {"lambertian": LambertianBSDF, "harvey_shack": HarveyShackBSDF, "specular": SpecularBRDF}
     return models[spec["type"]](**parameters)
 

@@ -44,7 +44,7 @@ from optiland.nonsequential.sources.base import Spectrum
 from optiland.nonsequential.sources.configs import CollimatedSourceConfig, ExtendedSourceConfig, PointSourceConfig
 
 from nsq_gpu import UnsupportedSceneError, export_scene
-from nsq_gpu.bsdf import KCorrelation
+from nsq_gpu.bsdf import KCorrelation, MeasuredBSDF
 from nsq_gpu.export import export, to_json
 from nsq_gpu.export.surfaces import BSDFS, SHAPES
 from nsq_gpu.scene_file import scene_from_dict
@@ -332,6 +332,11 @@ WALKS: dict[type, tuple[Build, Json, Json]] = {
         "b0": 0.2, "l0": 0.2, "s": 3.0, "transmissive_fraction": 0.3}),
     KCorrelation: (lambda **fields: with_bsdf(KCorrelation, **fields), {"b0": 0.1, "B": 10.0, "s": 2.0}, {
         "b0": 0.2, "B": 5.0, "s": 3.0, "transmissive_fraction": 0.3}),
+    MeasuredBSDF: (lambda **fields: with_bsdf(MeasuredBSDF, **fields), {
+        "angle_of_incidence_deg": [0.0, 40.0], "scatter_azimuth_deg": [0.0, 90.0, 180.0], "scatter_radial_deg": [0.0, 20.0, 90.0],
+        "values": [[[0.4, 0.2, 0.0]] * 3, [[0.5, 0.3, 0.1], [0.5, 0.2, 0.1], [0.5, 0.1, 0.0]]]}, {
+        "angle_of_incidence_deg": [0.0, 20.0], "scatter_azimuth_deg": [0.0, 120.0, 240.0], "scatter_radial_deg": [0.0, 30.0, 80.0],
+        "values": [[[0.4, 0.1, 0.0]] * 3] * 2, "tis": [0.1, 0.3], "scatter_type": "BTDF"}),
     PlaneGeometry: (lambda **fields: with_surface(PlaneGeometry, **fields), {}, {}),
     FinitePlaneGeometry: (lambda **fields: with_surface(FinitePlaneGeometry, **fields), {}, {
         "width": 9.0, "height": 9.0, "aperture_radius": 4.0}),

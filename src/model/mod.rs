@@ -18,6 +18,7 @@ pub(crate) mod mesh;
 pub mod path_filter;
 pub mod photometry;
 pub(crate) mod place;
+pub(crate) mod polar_table;
 mod precision;
 pub mod primitives;
 pub mod ray_id;
@@ -31,7 +32,8 @@ pub(crate) mod whole_files;
 pub mod written;
 
 pub use crate::model::bsdfs::{
-    Bsdf, BsdfKind, BsdfTable, HarveyShack, KCorrelation, Lambertian, Scatter, Specular, Tabulated,
+    Bsdf, BsdfKind, BsdfTable, HarveyShack, KCorrelation, Lambertian, Measured, MeasuredRow, MeasuredTable,
+    Scatter, Specular, Tabulated,
 };
 pub use crate::model::coating::{Coating, CoatingRow, SimpleCoating, TabulatedCoating};
 pub use crate::model::detectors::grid::{PixelGrid, Splat};
@@ -40,6 +42,7 @@ pub use crate::model::detectors::{
 };
 pub use crate::model::mesh::{Mesh, area_vector, unit_normal};
 pub use crate::model::path_filter::PathFilter;
+pub use crate::model::polar_table::PolarTable;
 pub use crate::model::precision::Precision;
 pub use crate::model::scatter_sampling::ScatterSampling;
 pub use crate::model::sequence::{End, Sequence, SequenceKey, Step, StepKind};
@@ -47,9 +50,7 @@ pub use crate::model::shapes::{
     Annulus, Aperture, AsphereProfile, ClippedConic, Conic, Frustum, MeshId, Outline, Shape, ShapeKind,
     Sphere,
 };
-pub use crate::model::sources::{
-    Collimated, Extended, IntensityTable, Point, Pupil, SourceFunction, SourceKind,
-};
+pub use crate::model::sources::{Collimated, Extended, Point, Pupil, SourceFunction, SourceKind};
 use glam::{DMat3, DVec3};
 
 /// Index into [`SceneIr::media`].

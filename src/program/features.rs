@@ -175,6 +175,11 @@ impl Features {
         !self.detectors.contains(&function) && borrowers.iter().any(|other| self.detectors.contains(other))
     }
 
+    /// True if directions are drawn by tables over two angles.
+    pub fn has_polar_tables(&self) -> bool {
+        self.sources.contains(&SourceFunction::Tabulated) || self.bsdfs.contains(&BsdfKind::Measured)
+    }
+
     /// True if some shape, source, BSDF, target of scattering or coating reads a table.
     pub fn has_tables(&self) -> bool {
         self.clips

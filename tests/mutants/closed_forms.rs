@@ -11,13 +11,13 @@ use nsq_gpu::model::scatter_sampling::{ScatterSampling, Target, TargetShape};
 use nsq_gpu::model::shapes::aperture::{ApertureOutline, Axes};
 use nsq_gpu::model::shapes::freeform::Polynomial;
 use nsq_gpu::model::shapes::{Biconic, Freeform, SagSurface, Toroidal};
-use nsq_gpu::model::sources::{self, Aim, IntensityTable};
+use nsq_gpu::model::sources::{self, Aim};
 use nsq_gpu::model::{
     Aperture, AsphereProfile, Bsdf, BsdfTable, ClippedConic, Coating, CoatingRow, Collimated, Conic,
     Detector, DetectorKind, End, Extended, FarField, Frame, HarveyShack, Interaction, KCorrelation,
-    Lambertian, Medium, Mesh, MeshId, Outline, PathFilter, PixelGrid, Point, Pupil, RayDatabase, ReflectProb,
-    Sampling, Scatter, SceneIr, Shape, SimpleCoating, Source, SourceKind, Spectral, Spectrum, Splat, Surface,
-    Tabulated, TabulatedCoating,
+    Lambertian, Medium, Mesh, MeshId, Outline, PathFilter, PixelGrid, Point, PolarTable, Pupil, RayDatabase,
+    ReflectProb, Sampling, Scatter, SceneIr, Shape, SimpleCoating, Source, SourceKind, Spectral, Spectrum,
+    Splat, Surface, Tabulated, TabulatedCoating,
 };
 use nsq_gpu::program::layout::rng;
 use nsq_gpu::program::{Precision, Sampler};
@@ -650,7 +650,7 @@ fn lamp(bench: &Bench) -> Outcome {
     let table = |polar: &[f64], rows: Vec<Vec<f64>>| {
         let step = std::f64::consts::TAU / (rows.len() - 1) as f64;
         let azimuth = (0..rows.len()).map(|i| i as f64 * step).collect();
-        IntensityTable { polar: polar.to_vec(), azimuth, rows }
+        PolarTable { polar: polar.to_vec(), azimuth, rows }
     };
     let lamp = |table| {
         SourceKind::Tabulated(sources::Tabulated {

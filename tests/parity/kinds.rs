@@ -49,6 +49,7 @@ pub fn of_finish(surface: &Surface) -> Vec<&'static str> {
         Bsdf::HarveyShack(_) => "Harvey-Shack",
         Bsdf::Tabulated(_) => "tabulated",
         Bsdf::KCorrelation(_) => "K-correlation",
+        Bsdf::Measured(_) => "measured",
     });
     bsdf.into_iter().chain(surface.coating.as_ref().map(|_| "coating")).collect()
 }

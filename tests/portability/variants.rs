@@ -14,13 +14,14 @@ use nsq_gpu::model::scatter_sampling::{Target, TargetShape};
 use nsq_gpu::model::shapes::aperture::{ApertureOutline, Axes};
 use nsq_gpu::model::shapes::freeform::Polynomial;
 use nsq_gpu::model::shapes::{Biconic, Freeform, SagSurface, Toroidal};
-use nsq_gpu::model::sources::{self, Aim, IntensityTable};
+use nsq_gpu::model::sources::{self, Aim};
 use nsq_gpu::model::{
     Annulus, Aperture, AsphereProfile, Bsdf, BsdfKind, BsdfTable, ClippedConic, Coating, CoatingRow,
     Collimated, Conic, Detector, DetectorKind, Extended, FarField, Frame, Frustum, HarveyShack, Interaction,
-    KCorrelation, Lambertian, Medium, Mesh, MeshId, Outline, PixelGrid, Point, Pupil, RayDatabase,
-    ReflectProb, Sampling, Scatter, ScatterSampling, SceneIr, Shape, SimpleCoating, Source, SourceKind,
-    Spectral, Spectrum, Specular, Sphere, Splat, Surface, Tabulated, TabulatedCoating,
+    KCorrelation, Lambertian, Measured, MeasuredRow, MeasuredTable, Medium, Mesh, MeshId, Outline, PixelGrid,
+    Point, PolarTable, Pupil, RayDatabase, ReflectProb, Sampling, Scatter, ScatterSampling, SceneIr, Shape,
+    SimpleCoating, Source, SourceKind, Spectral, Spectrum, Specular, Sphere, Splat, Surface, Tabulated,
+    TabulatedCoating,
 };
 use nsq_gpu::paths::followed::FollowedPaths;
 use nsq_gpu::paths::sums::PathSums;
@@ -832,7 +833,7 @@ pub fn source_of(name: SourceFunction) -> SourceKind {
         }
         SourceFunction::Tabulated => {
             let row = vec![1.0, 0.0];
-            let table = IntensityTable {
+            let table = PolarTable {
                 polar: vec![0.0, 0.5],
                 azimuth: vec![0.0, std::f64::consts::TAU],
                 rows: vec![row.clone(), row],
@@ -911,6 +912,17 @@ pub fn bsdf_of(kind: BsdfKind, transmissive_fraction: f64) -> Bsdf {
             },
             transmissive_fraction,
         }),
+        BsdfKind::Measured => {
+            let values = PolarTable {
+                polar: vec![0.0, 0.5],
+                azimuth: vec![0.0, std::f64::consts::PI, std::f64::consts::TAU],
+                rows: vec![vec![0.5, 0.25], vec![0.25, 0.125], vec![0.5, 0.25]],
+            };
+            let row = |incidence_deg| MeasuredRow { incidence_deg, values: values.clone(), scattered: 0.25 };
+            let transmits = transmissive_fraction > 0.0;
+            let table = MeasuredTable { transmits, rows: vec![row(0.0), row(60.0)] };
+            Bsdf::Measured(Measured { table: table.into(), level: 1.0 })
+        }
         BsdfKind::KCorrelation => {
             Bsdf::KCorrelation(KCorrelation { b0: 0.5, b: 8.0, s: 3.0, transmissive_fraction })
         }

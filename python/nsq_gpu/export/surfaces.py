@@ -19,7 +19,7 @@ from optiland.nonsequential.components.geometry.mesh.mesh_geometry import MeshGe
 from optiland.nonsequential.components.reflective import ReflectiveComponent
 from optiland.nonsequential.components.refractive import RefractiveComponent
 
-from nsq_gpu.bsdf import KCorrelation
+from nsq_gpu.bsdf import KCorrelation, MeasuredBSDF
 from nsq_gpu.coatings import TabulatedCoating
 from nsq_gpu.export.materials import Media
 from nsq_gpu.export.values import Json, coordinate_system, number, numbers, optional, radius, refuse, refuse_type, rows
@@ -260,11 +260,19 @@ def _tabulated(model: Any, place: str) -> Json:
     return {"type": "tabulated", "theta_i": theta_i, "theta_s": theta_s, "bsdf": rows}
 
 
+def _measured(model: Any, place: str) -> Json:
+    axes = ("angle_of_incidence_deg", "scatter_azimuth_deg", "scatter_radial_deg")
+    tis = {} if model.given_tis is None else {"tis": model.given_tis.tolist()}
+    return {"type": "measured", "scatter_type": model.scatter_type, **{axis: getattr(model, axis).tolist() for axis in axes},
+            "values": model.values.tolist(), **tis}
+
+
 BSDFS: dict[type, Callable[[Any, str], Json]] = {
     LambertianBSDF: _lambertian,
     HarveyShackBSDF: _harvey_shack,
     KCorrelation: _k_correlation,
     TabulatedBSDF: _tabulated,
+    MeasuredBSDF: _measured,
 }
 
 
@@ -278,5 +286,8 @@ def bsdf(model: Any, place: str) -> Json | None:
     write = BSDFS.get(type(model))
     if write is None:
         raise refuse_type(place, "it", model, "LambertianBSDF, HarveyShackBSDF, TabulatedBSDF, SpecularBRDF or a law of nsq_gpu.bsdf")
+    if type(model) is MeasuredBSDF:
+        # Its scatter_type has the side.
+        return write(model, place)
     fraction = number(model.transmissive_fraction, f"{place}: transmissive_fraction")
     return {**write(model, place), "transmissive_fraction": fraction}

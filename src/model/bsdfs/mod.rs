@@ -6,6 +6,7 @@
 pub mod harvey_shack;
 pub mod k_correlation;
 pub mod lambertian;
+pub mod measured;
 #[cfg(test)]
 mod retro;
 pub mod specular;
@@ -14,6 +15,7 @@ pub mod tabulated;
 pub use crate::model::bsdfs::harvey_shack::HarveyShack;
 pub use crate::model::bsdfs::k_correlation::KCorrelation;
 pub use crate::model::bsdfs::lambertian::Lambertian;
+pub use crate::model::bsdfs::measured::{Measured, MeasuredRow, MeasuredTable};
 pub use crate::model::bsdfs::specular::Specular;
 pub use crate::model::bsdfs::tabulated::{BsdfTable, Tabulated};
 
@@ -41,9 +43,11 @@ kinds! {
     Specular(specular::Specular) by Specular(1) = SPECULAR;
     /// b0 / (1 + (B beta)^2)^(s/2) in the distance beta of direction cosines from specular.
     KCorrelation(k_correlation::KCorrelation) by KCorrelation(5) = K_CORRELATION;
+    /// Values over the angle of incidence, and over two angles about the specular direction: from a file, or inline.
+    Measured(measured::Measured) by Measured(6) = MEASURED;
     /// Cat's eyes: the example of docs/adding-a-kind.md.
     #[cfg(test)]
-    Retro(retro::Retro) by #[cfg(test)] Retro(6) = RETRO;
+    Retro(retro::Retro) by #[cfg(test)] Retro(7) = RETRO;
 }
 
 /// Distances of direction cosines reach from 0 to 2.

@@ -14,7 +14,7 @@ pub use crate::model::sources::collimated::Collimated;
 pub use crate::model::sources::extended::Extended;
 pub use crate::model::sources::point::Point;
 pub use crate::model::sources::pupil::{Aim, Pupil};
-pub use crate::model::sources::tabulated::{IntensityTable, Tabulated};
+pub use crate::model::sources::tabulated::Tabulated;
 
 use crate::Result;
 use crate::model::list::kinds;

@@ -162,13 +162,14 @@ const SLOTS: &[Slot] = slots! { c;
 
 impl Case<'_> {
     /// Files that have no twin, and when a scene takes them.
-    fn single(&self, additions: &ShaderAdditions) -> [(bool, ShaderFile); 9] {
+    fn single(&self, additions: &ShaderAdditions) -> [(bool, ShaderFile); 10] {
         let (f, o) = (self.f, self.o);
         [
             (!f.splits, shader!("stages/intersect.wgsl")),
             (f.splits, shader!("stages/split.wgsl")),
             (f.reads_media(), shader!("optics/media.wgsl")),
             (f.has_tables(), shader!("optics/tables.wgsl")),
+            (f.has_polar_tables(), shader!("optics/polar_table.wgsl")),
             (self.all.has_trees(), shader!("geometry/boxes.wgsl")),
             (f.reads_bins(), shader!("detectors/bins.wgsl")),
             (f.borrows(DetectorFunction::FarField), DetectorFunction::FarField.wgsl().file),

@@ -19,7 +19,7 @@ use crate::error::{Error, Result};
 use crate::format::shown;
 use crate::gpu::Gpu;
 use crate::model::place::quoted;
-use crate::model::{Precision, SceneIr};
+use crate::model::{Bsdf, Precision, SceneIr};
 use crate::program::layout::bindings;
 use crate::program::rewrite::jvp::{Parameter, Tangents};
 use crate::result::difference::Spread;
@@ -158,6 +158,13 @@ impl Differentiated {
         }
         if !self.ir.scatter_sampling.is_empty() {
             return refused("rays that scatter on purpose (scatter_prob, scatter_to)");
+        }
+        // Which row a ray is drawn from depends on its angle of incidence.
+        let is_measured =
+            |bsdf: &Bsdf| matches!(bsdf, Bsdf::Measured(measured) if measured.table.rows.len() > 1);
+        let bsdfs = self.ir.surfaces.iter().filter_map(|surface| surface.scatter.as_ref());
+        if bsdfs.map(|scatter| &scatter.bsdf).any(is_measured) {
+            return refused("measured BSDFs of several angles of incidence");
         }
         Ok(())
     }

@@ -13,7 +13,8 @@ mod eulumdat;
 mod ies;
 
 use crate::model::place::quoted;
-use crate::model::sources::tabulated::{Plane, flux, mirrored};
+use crate::model::polar_table::flux;
+use crate::model::sources::tabulated::{Plane, mirrored};
 pub use eulumdat::{read_eulumdat, write_eulumdat};
 pub use ies::{read_ies, write_ies};
 
