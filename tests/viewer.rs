@@ -1013,7 +1013,7 @@ fn the_main_views_look_as_they_were_reviewed() {
         return;
     }
     type Prepare = fn(&mut Model);
-    let views: [(&str, &str, Prepare); 8] = [
+    let views: [(&str, &str, Prepare); 9] = [
         ("irradiance", "cooke_triplet", |model| {
             model.marks().region = Some(Region::between(RegionOutline::Ellipse, (-10.0, 4.0), (-4.0, 12.0)));
         }),
@@ -1024,6 +1024,10 @@ fn the_main_views_look_as_they_were_reviewed() {
         ("far_field", "searchlight", |model| model.settings.scale = ScaleKind::Log),
         ("spots", "cemented_achromat_auto", |model| model.subject = Subject::Detector("before".into())),
         ("side_view", "cooke_triplet", |model| model.subject = Subject::Scene),
+        ("stray", "scattering_telescope", |model| {
+            model.subject = Subject::Scene;
+            model.ask_for_stray("focus");
+        }),
         ("paths", "cooke_triplet", |model| {
             model.light.is_open = true;
             model.follow_light();

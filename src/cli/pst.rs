@@ -2,18 +2,18 @@
 
 use crate::cli::console::{ended, read_scene, say};
 use crate::cli::output_file::{OutputFile, check_places};
-use crate::cli::stops::stop_on_interrupt;
+use crate::cli::progress::{self, Mode};
+use crate::cli::stops::{end_with_caller, stop_on_interrupt};
 use crate::cli::trace_args::{PathsArg, TraceArgs};
 use crate::error::{Error, Result};
 use crate::format::{csv_text, pretty_json, shown};
 use crate::gpu::{AdapterChoice, Native};
+use crate::run::Session;
 use crate::run::pst::{Direction, Part, Pst, PstPoint, Transmittances};
-use crate::run::{Next, Session};
 use glam::DVec3;
 use serde_json::{Map, Value, json};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::Ordering;
 
 /// Arguments of `nsq-gpu pst`.
 #[derive(clap::Args)]
@@ -44,6 +44,12 @@ pub struct Args {
     /// Part of the adapter's name (see `nsq-gpu adapters`).
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
+    /// Progress of each direction on stderr.
+    #[arg(long, value_enum, default_value_t = Mode::Auto)]
+    progress: Mode,
+    /// End at once when stdin closes, or when the process ends that started this one.
+    #[arg(long)]
+    watch_stdin: bool,
     /// Print JSON instead of a table.
     #[arg(long)]
     json: bool,
@@ -86,7 +92,7 @@ fn parse_angles(text: &str) -> std::result::Result<Angles, String> {
     }
 }
 
-fn parse_point(text: &str) -> std::result::Result<DVec3, String> {
+pub(super) fn parse_point(text: &str) -> std::result::Result<DVec3, String> {
     let numbers: Option<Vec<f64>> = text
         .split(',')
         .map(|part| part.trim().parse().ok().filter(|number: &f64| number.is_finite()))
@@ -105,6 +111,9 @@ pub fn run(args: &Args) -> Result<String> {
     args.check()?;
     let scene = read_scene(&args.scene)?;
     let mut model = scene.lower()?;
+    if args.watch_stdin {
+        end_with_caller();
+    }
     args.trace.override_sampling(&mut model)?;
     if let Some(folder) = &args.output {
         check_places(folder, &[CSV, JSON], args.overwrite)?;
@@ -129,14 +138,14 @@ pub fn run(args: &Args) -> Result<String> {
     };
     let stop = stop_on_interrupt()?;
     let choice = AdapterChoice { name: args.adapter.clone(), native: Native::Allowed, ..Default::default() };
-    let next = |_: &_| if stop.load(Ordering::Relaxed) { Next::Cancel } else { Next::GoOn };
+    let next = progress::shown(args.progress, &stop);
     let detector = model.detectors.iter().position(|detector| detector.name == args.detector);
     let found = pst.go(&mut Session::new(choice), |run| of_round.set_others(run, detector), next)?;
     found.warnings.iter().for_each(|text| say(&format!("warning: {text}")));
     if found.points.is_empty() {
         return Err(found.failure.unwrap_or(Error::Interrupted));
     }
-    let printed = if args.json { found.document() } else { found.text() };
+    let printed = if args.json { args.document(&found) } else { found.text() };
     let written = args.output.as_ref().map_or(Ok(()), |folder| args.write(folder, &found));
     let missed = found.points.iter().filter(|point| !point.is_reached).count();
     let missed = (missed > 0).then(|| {
@@ -161,9 +170,29 @@ impl Args {
         }
     }
 
+    /// What was asked for, and what was found.
+    fn document(&self, found: &Transmittances) -> String {
+        let points: Vec<Value> = found.points.iter().map(PstPoint::entry).collect();
+        let document = json!({
+            "version": env!("CARGO_PKG_VERSION"),
+            "scene": self.scene.display().to_string(),
+            "detector": self.detector,
+            "source": self.source,
+            "pivot_mm": self.pivot.map(|pivot| pivot.to_array()),
+            "angles_deg": self.angles.0,
+            "azimuths_deg": self.azimuths.0,
+            "seed": self.trace.seed,
+            "target_error": self.trace.target_error,
+            "num_directions": found.num_directions,
+            "partial": found.is_partial(),
+            "points": points,
+        });
+        pretty_json(&document).unwrap_or_default()
+    }
+
     fn write(&self, folder: &Path, found: &Transmittances) -> Result<()> {
         std::fs::create_dir_all(folder).map_err(|error| Error::file(folder, error))?;
-        for (name, contents) in [(CSV, found.csv()), (JSON, found.document())] {
+        for (name, contents) in [(CSV, found.csv()), (JSON, self.document(found))] {
             let file = OutputFile::new(&folder.join(name), self.overwrite, &self.scene, |_| false)?;
             let path = file.write(contents.as_bytes())?;
             say(&format!("written: {}", path.display()));
@@ -210,14 +239,6 @@ impl PstPoint {
 }
 
 impl Transmittances {
-    fn document(&self) -> String {
-        let points: Vec<Value> = self.points.iter().map(PstPoint::entry).collect();
-        let document = json!({
-            "num_directions": self.num_directions, "partial": self.is_partial(), "points": points,
-        });
-        pretty_json(&document).unwrap_or_default()
-    }
-
     /// The names of surfaces that scattered first in some direction, those that did most first.
     fn scatterers(&self) -> Vec<&str> {
         let mut names: Vec<(&str, f64)> = Vec::new();

@@ -1,17 +1,20 @@
 //! `nsq-gpu surfaces`: which surfaces are to blame for stray light.
 
 use crate::cli::console::read_scene;
-use crate::cli::stops::stop_on_interrupt;
+use crate::cli::progress::{self, Mode};
+use crate::cli::pst::parse_point;
+use crate::cli::stops::{end_with_caller, stop_on_interrupt};
 use crate::cli::trace_args::{PathsArg, TraceArgs};
 use crate::error::{Error, Result};
 use crate::format::{pretty_json, shown};
 use crate::gpu::{AdapterChoice, Native};
+use crate::run::pst::{Direction, Pst};
 use crate::run::surfaces::{Blame, blame};
 use crate::run::{Next, Session};
+use glam::DVec3;
 use serde_json::json;
 use std::fmt::Write;
 use std::path::PathBuf;
-use std::sync::atomic::Ordering;
 
 /// Arguments of `nsq-gpu surfaces`.
 #[derive(clap::Args)]
@@ -22,11 +25,29 @@ pub struct Args {
     /// The detector.
     #[arg(long, value_name = "NAME")]
     detector: String,
+    /// Turn the source to this angle off its axis [deg], as `nsq-gpu pst` does.
+    #[arg(long, value_name = "ANGLE", allow_hyphen_values = true)]
+    angle: Option<f64>,
+    /// Azimuth of the turned source [deg].
+    #[arg(long, value_name = "ANGLE", requires = "angle", default_value_t = 0.0, allow_hyphen_values = true)]
+    azimuth: f64,
+    /// The collimated source that is turned, as of `nsq-gpu pst`.
+    #[arg(long, value_name = "NAME", requires = "angle")]
+    source: Option<String>,
+    /// The point about which the source is turned [mm], as of `nsq-gpu pst`.
+    #[arg(long, value_name = "X,Y,Z", requires = "angle", value_parser = parse_point, allow_hyphen_values = true)]
+    pivot: Option<DVec3>,
     #[command(flatten)]
     trace: TraceArgs,
     /// Part of the adapter's name (see `nsq-gpu adapters`).
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
+    /// Progress of each trace on stderr.
+    #[arg(long, value_enum, default_value_t = Mode::Auto)]
+    progress: Mode,
+    /// End at once when stdin closes, or when the process ends that started this one.
+    #[arg(long)]
+    watch_stdin: bool,
     /// Print JSON instead of a table.
     #[arg(long)]
     json: bool,
@@ -43,11 +64,31 @@ pub fn run(args: &Args) -> Result<String> {
     trace.refuse_guide_to("a list of surfaces")?;
     let scene = read_scene(&args.scene)?;
     let mut model = scene.lower()?;
+    if args.watch_stdin {
+        end_with_caller();
+    }
     args.trace.override_sampling(&mut model)?;
+    let options = trace.options(&model)?;
+    if let Some(direction) = args.direction()? {
+        let turned = Pst {
+            scene: &scene,
+            model: &model,
+            options: options.clone(),
+            directions: vec![direction],
+            detector: args.detector.clone(),
+            source: args.source.clone(),
+            pivot: args.pivot,
+            target_error: None,
+            path_rows: trace.path_rows()?,
+        }
+        .turned(direction)?;
+        model = turned;
+    }
     let stop = stop_on_interrupt()?;
     let choice = AdapterChoice { name: args.adapter.clone(), native: Native::Allowed, ..Default::default() };
-    let options = trace.options(&model)?;
-    let next = |_: &_| if stop.load(Ordering::Relaxed) { Next::Cancel } else { Next::GoOn };
+    let mut shown = progress::shown(args.progress, &stop);
+    // A list of some of the rays would pass for a whole one.
+    let next = |status: &_| if shown(status) == Next::GoOn { Next::GoOn } else { Next::Cancel };
     let how = (&options, trace.path_rows()?);
     let mut session = Session::new(choice);
     let found =
@@ -61,12 +102,28 @@ pub fn run(args: &Args) -> Result<String> {
     Ok(text(&found))
 }
 
+impl Args {
+    /// Where the source is turned to.
+    fn direction(&self) -> Result<Option<Direction>> {
+        match self.angle {
+            Some(angle) if !(angle.abs() <= 360.0 && self.azimuth.abs() <= 360.0) => Err(Error::Usage(
+                format!("--angle {angle} --azimuth {}: give angles from -360 to 360 degrees", self.azimuth),
+            )),
+            angle => Ok(angle.map(|angle| Direction { angle, azimuth: self.azimuth })),
+        }
+    }
+}
+
 fn text(found: &[Blame]) -> String {
     let mut text = String::from(
         " lit by the   scatters to    error   seen by the\n sources [W]  detector [W]          detector  surface\n",
     );
     for Blame { name, receives, sends: [flux, error], seen } in found {
-        let error = if *flux > 0.0 { format!("{:.1} %", 100.0 * error / flux) } else { "-".into() };
+        let error = match error / flux {
+            error if error <= 1.0 => format!("{:.1} %", 100.0 * error),
+            _ if *flux > 0.0 => "> 100 %".into(),
+            _ => "-".into(),
+        };
         let mark = if *receives > 0.0 && *seen > 0.0 { "  (lit and seen)" } else { "" };
         let _ = writeln!(
             text,

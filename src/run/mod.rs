@@ -20,6 +20,7 @@ mod outcome;
 pub mod precision;
 pub mod proof;
 pub mod pst;
+mod rounds;
 mod session;
 mod status;
 pub mod stopping;

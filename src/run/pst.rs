@@ -11,6 +11,7 @@ use crate::model::shapes::Outline;
 use crate::model::sources::collimated::Collimated;
 use crate::model::{DetectorKind, End, Frame, SceneIr, SourceKind, Step, StepKind};
 use crate::result::Tally;
+use crate::run::rounds::{Rounds, in_rounds};
 use crate::run::{Collect, Next, Run, Session, Status, TraceOptions};
 use crate::scene::Scene;
 use glam::{DMat3, DVec3};
@@ -94,12 +95,8 @@ pub struct Transmittances {
 
 /// Scatterings that are told apart.
 const ORDERS: usize = 4;
-/// Rounds of a direction, and their rays, where all rays are traced.
-const ROUNDS: u64 = 64;
-const FEWEST_RAYS: u64 = 1 << 12;
-const MOST_RAYS: u64 = 1 << 17;
 /// An error is believed from so many rounds on.
-const FEWEST_ROUNDS: u64 = 16;
+const FEWEST_ROUNDS: usize = 16;
 /// An error is believed where so many rays came.
 const FEWEST_HITS: u64 = 100;
 
@@ -139,6 +136,14 @@ impl Pst<'_> {
         Ok(found)
     }
 
+    /// The scene with its source in a direction, and no other source.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for a detector or a source that does not do.
+    pub fn turned(&self, direction: Direction) -> Result<SceneIr> {
+        Ok(Beam::of(self)?.towards(direction).0)
+    }
+
     fn point(
         &self,
         beam: &Beam<'_>,
@@ -149,23 +154,20 @@ impl Pst<'_> {
         warnings: &mut Vec<String>,
     ) -> Result<PstPoint> {
         let (model, pst_per_share) = beam.towards(direction);
-        let num_rays = self.options.num_rays;
-        let options = TraceOptions {
+        let options = in_rounds(TraceOptions {
             collect: Collect::Paths { rows: self.path_rows, ends: false },
-            batch_size: Some((num_rays / ROUNDS).clamp(FEWEST_RAYS, MOST_RAYS) as u32),
             may_end_early: true,
             ..self.options.clone()
-        };
-        // A pass is a round: of one dispatch.
+        });
         let run = session.run(ask(Run::of(self.scene, &model).options(options))?, Some(true))?;
-        let mut rounds = Rounds::default();
+        let mut received = Received::default();
         let outcome = run.pass_time(Duration::ZERO).go_with(|pass| {
-            let wanted = next(&pass.status);
-            if wanted != Next::GoOn {
+            // Half a round would count as one.
+            if next(&pass.status) != Next::GoOn {
                 return Ok(Next::Cancel);
             }
-            rounds.add(pass.tally()?, beam.detector);
-            Ok(if self.target_error.is_some_and(|target| rounds.is_reached(target)) {
+            received.add(pass.tally()?, beam.detector);
+            Ok(if self.target_error.is_some_and(|target| received.is_reached(target)) {
                 Next::Stop
             } else {
                 Next::GoOn
@@ -179,8 +181,8 @@ impl Pst<'_> {
                 warnings.push(warning.clone());
             }
         }
-        let is_reached = self.target_error.is_none_or(|target| rounds.is_reached(target));
-        Ok(rounds.point(direction, &model, pst_per_share, is_reached))
+        let is_reached = self.target_error.is_none_or(|target| received.is_reached(target));
+        Ok(received.point(direction, &model, pst_per_share, is_reached))
     }
 }
 
@@ -326,22 +328,16 @@ enum Key {
     Unknown,
 }
 
-/// What rounds brought, each to its end: the weight of the launched rays, and the light by its key \[quanta\].
+/// What rounds brought to the detector.
 #[derive(Debug, Default)]
-struct Rounds {
-    num_rays: u64,
+struct Received {
+    rounds: Rounds<Key>,
     num_hits: u64,
-    launched: Vec<f64>,
-    light: Vec<BTreeMap<Key, f64>>,
 }
 
-impl Rounds {
+impl Received {
     /// Adds a round, after which the sums are these.
     fn add(&mut self, tally: &Tally, detector: usize) {
-        // Where paths turned out to be too many for the table, the trace began anew.
-        if tally.launched.count <= self.num_rays {
-            *self = Rounds::default();
-        }
         let mut light: BTreeMap<Key, f64> = BTreeMap::new();
         self.num_hits = 0;
         if let Some(sums) = &tally.path_sums {
@@ -364,57 +360,29 @@ impl Rounds {
                 self.num_hits += sum.count;
             }
         }
-        self.num_rays = tally.launched.count;
-        self.launched.push(tally.launched.quanta as f64);
-        self.light.push(light);
-    }
-
-    /// The share of the launched light, and its standard error between rounds (Cochran, Sampling Techniques, 1977, section 6.3: a
-    /// ratio of means).
-    fn part(&self, key: Key) -> Part {
-        let after = |round: usize| self.light[round].get(&key).copied().unwrap_or(0.0);
-        let (Some(last), Some(&all)) = (self.light.len().checked_sub(1), self.launched.last()) else {
-            return Part::default();
-        };
-        let share = after(last) / all;
-        let (mut before, mut squares) = ([0.0, 0.0], 0.0);
-        for round in 0..=last {
-            let here = [after(round), self.launched[round]];
-            squares += (here[0] - before[0] - share * (here[1] - before[1])).powi(2);
-            before = here;
-        }
-        let count = self.light.len() as f64;
-        let variance = squares * count / (count - 1.0).max(1.0);
-        Part { pst: share, standard_error: variance.sqrt() / all }
+        self.rounds.add(tally, light);
     }
 
     fn is_reached(&self, target: f64) -> bool {
-        let Part { pst, standard_error } = self.part(Key::All);
-        self.light.len() as u64 >= FEWEST_ROUNDS
-            && self.num_hits >= FEWEST_HITS
-            && standard_error <= target * pst
+        let [share, error] = self.rounds.share(&Key::All);
+        self.rounds.len() >= FEWEST_ROUNDS && self.num_hits >= FEWEST_HITS && error <= target * share
     }
 
     fn point(&self, direction: Direction, model: &SceneIr, pst_per_share: f64, is_reached: bool) -> PstPoint {
         let part = |key| {
-            let Part { pst, standard_error } = self.part(key);
-            Part { pst: pst * pst_per_share, standard_error: standard_error * pst_per_share }
+            let [pst, standard_error] = self.rounds.share(&key).map(|share| share * pst_per_share);
+            Part { pst, standard_error }
         };
-        let mut by_first_scatterer: Vec<(String, Part)> = self
-            .light
-            .last()
-            .into_iter()
-            .flat_map(BTreeMap::keys)
-            .filter_map(|key| match *key {
-                Key::FirstScatterer(surface) => Some((model.surface_name(surface as usize), part(*key))),
-                Key::All | Key::Order(_) | Key::Unknown => None,
-            })
-            .collect();
+        let of_surface = |key: &Key| match *key {
+            Key::FirstScatterer(surface) => Some((model.surface_name(surface as usize), part(*key))),
+            Key::All | Key::Order(_) | Key::Unknown => None,
+        };
+        let mut by_first_scatterer: Vec<(String, Part)> = self.rounds.keys().filter_map(of_surface).collect();
         by_first_scatterer.sort_by(|one, other| other.1.pst.total_cmp(&one.1.pst));
         PstPoint {
             direction,
             all: part(Key::All),
-            num_rays: self.num_rays,
+            num_rays: self.rounds.num_rays,
             num_hits: self.num_hits,
             is_reached,
             by_order: (0..ORDERS).map(|order| part(Key::Order(order))).collect(),

@@ -8,13 +8,16 @@ use crate::format::shown;
 use crate::model::place::did_you_mean;
 use crate::model::shapes::Outline;
 use crate::model::sources::extended::Extended;
-use crate::model::{Frame, Interaction, SceneIr, Source, SourceKind, StepKind};
+use crate::model::{Frame, Interaction, SceneIr, Source, SourceKind, Step, StepKind};
+use crate::result::Tally;
 use crate::run::pst::is_far_field;
+use crate::run::rounds::{Rounds, in_rounds};
 use crate::run::{Collect, Next, RecordPaths, Run, Session, Status, TraceOptions};
 use crate::scene::Scene;
 use glam::{DMat3, DVec3};
-use std::collections::HashMap;
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::f64::consts::FRAC_PI_2;
+use std::time::Duration;
 
 /// What a surface has to do with a detector.
 #[derive(Debug, Clone, PartialEq)]
@@ -23,7 +26,7 @@ pub struct Blame {
     pub name: String,
     /// The flux that the sources send there, straight or by mirrors and lenses, and not by scattering \[W\].
     pub receives: f64,
-    /// The flux that the surface scatters and that the detector records \[W\], and its standard error.
+    /// The flux that the surface scatters and that the detector records \[W\], and its standard error between rounds of rays.
     pub sends: [f64; 2],
     /// The share of the detector's view that the surface fills, straight or by mirrors and lenses. Directions count by their cosine.
     pub seen: f64,
@@ -68,37 +71,25 @@ pub fn blame(
     };
     let lit = go(&specular, recorded(options.num_rays), RecordPaths::All)?;
     let seen = go(&backward, recorded(options.num_rays), RecordPaths::All)?;
-    let by_path =
-        TraceOptions { collect: Collect::Paths { rows: path_rows, ends: false }, ..options.clone() };
-    let all = go(model, by_path, RecordPaths::None)?;
     let receives = met(&lit.result, false)?;
     let seen = met(&seen.result, true)?;
-    let mut sends = vec![[0.0, 0.0]; model.surfaces.len()];
-    if let Some(sums) = &all.tally.path_sums {
-        let watts = model.emitted_flux() / all.tally.launched.quanta.max(1) as f64;
-        for (sequence, sum) in
-            sums.rows.iter().filter(|(sequence, _)| sequence.end.detector() == Some(number))
-        {
-            let mut surfaces: Vec<usize> = sequence
-                .steps
-                .iter()
-                .filter(|step| matches!(step.kind, StepKind::ScatteredBack | StepKind::ScatteredThrough))
-                .map(|step| step.surface as usize)
-                .collect();
-            surfaces.sort_unstable();
-            surfaces.dedup();
-            for surface in surfaces {
-                sends[surface][0] += sum.quanta as f64 * watts;
-                sends[surface][1] += sum.variance(all.tally.launched.count) * watts * watts;
-            }
-        }
-    }
+    let by_path = in_rounds(TraceOptions {
+        collect: Collect::Paths { rows: path_rows, ends: false },
+        ..options.clone()
+    });
+    let run = session.run(ask(Run::of(scene, model).options(by_path))?, None)?;
+    let mut rounds = Rounds::default();
+    run.pass_time(Duration::ZERO).go_with(|pass| {
+        let wanted = next(&pass.status);
+        let tally = pass.tally()?;
+        rounds.add(tally, scattered(tally, number));
+        Ok(wanted)
+    })?;
     let of = |surface: usize| {
         let name = model.surface_name(surface);
-        let [flux, variance] = sends[surface];
         Blame {
             receives: receives.get(&name).copied().unwrap_or(0.0),
-            sends: [flux, variance.sqrt()],
+            sends: rounds.share(&surface).map(|share| share * model.emitted_flux()),
             seen: seen.get(&name).copied().unwrap_or(0.0),
             name,
         }
@@ -109,6 +100,23 @@ pub fn blame(
         key(other).partial_cmp(&key(one)).unwrap_or(std::cmp::Ordering::Equal)
     });
     Ok(found)
+}
+
+/// The light on a detector by each surface that scattered it \[quanta\]. Light that several scattered counts for each.
+fn scattered(tally: &Tally, detector: usize) -> BTreeMap<usize, f64> {
+    let mut light = BTreeMap::new();
+    let Some(sums) = &tally.path_sums else { return light };
+    for (sequence, sum) in sums.rows.iter().filter(|(sequence, _)| sequence.end.detector() == Some(detector))
+    {
+        let scatters =
+            |step: &&Step| matches!(step.kind, StepKind::ScatteredBack | StepKind::ScatteredThrough);
+        let surfaces: BTreeSet<usize> =
+            sequence.steps.iter().filter(scatters).map(|step| step.surface as usize).collect();
+        for surface in surfaces {
+            *light.entry(surface).or_default() += sum.quanta as f64;
+        }
+    }
+    light
 }
 
 /// The flux that surfaces meet, by their names; or the share of all flux, of which each ray counts once.

@@ -8,7 +8,7 @@ use crate::format::{MOST_NAMES, listed, shown, significant, thousands};
 use crate::model::shapes::FrontSide;
 use crate::model::sides::{Disagreement, MOST_WORK, SideFaults, wrong_sides};
 use crate::model::surface_optics::reflectance;
-use crate::model::{Bsdf, Frame, Interaction, Measured, Scatter, SceneIr, Shape, Surface};
+use crate::model::{Bsdf, Frame, Interaction, Measured, Scatter, SceneIr, Shape, Surface, Tabulated};
 
 /// Everything that deserves a note.
 pub fn of(ir: &SceneIr) -> Vec<String> {
@@ -139,16 +139,13 @@ fn of_scattering(surface: &Surface) -> Vec<String> {
 
 /// The shares of what they get that the rows of a table scatter, and their angles of incidence \[deg\].
 fn scattered_shares(bsdf: &Bsdf) -> Vec<(f64, f64)> {
-    match bsdf {
-        Bsdf::Tabulated(tabulated) => {
-            let table = &tabulated.table;
-            (0..table.theta_i.len()).map(|row| (table.albedo(row), table.theta_i[row])).collect()
-        }
-        Bsdf::Measured(Measured { table, level }) => {
-            table.rows.iter().map(|row| (level * row.scattered, row.incidence_deg)).collect()
-        }
-        _ => Vec::new(),
+    if let Bsdf::Tabulated(Tabulated { table, .. }) = bsdf {
+        return (0..table.theta_i.len()).map(|row| (table.albedo(row), table.theta_i[row])).collect();
     }
+    if let Bsdf::Measured(Measured { table, level }) = bsdf {
+        return table.rows.iter().map(|row| (level * row.scattered, row.incidence_deg)).collect();
+    }
+    Vec::new()
 }
 
 /// A table that scatters less of what it gets deserves a note.

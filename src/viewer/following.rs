@@ -36,7 +36,7 @@ pub struct Watch {
 }
 
 impl Watch {
-    fn is_stopped(&self) -> bool {
+    pub(super) fn is_stopped(&self) -> bool {
         self.is_stopped.load(Ordering::Relaxed)
     }
 }

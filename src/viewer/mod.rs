@@ -25,6 +25,7 @@ pub mod settings;
 pub mod silhouettes;
 pub mod spots;
 pub mod state;
+pub mod stray;
 pub mod tracing;
 pub mod two_results;
 mod views;

@@ -12,6 +12,7 @@ use crate::viewer::light::{Context, Light, RaysOfPaths};
 use crate::viewer::line_profile::Line;
 use crate::viewer::settings::Settings;
 use crate::viewer::spots::{SpotFigures, Spots};
+use crate::viewer::stray::Stray;
 use crate::viewer::tracing::{
     Background, Device, Job, LoadedScene, Notify, PathsJob, RunOptions, State, record_paths,
 };
@@ -272,6 +273,8 @@ pub struct Model {
     pub failure: Option<Error>,
     /// Light by its path.
     pub light: Light,
+    /// Surfaces that are to blame for stray light.
+    pub stray: Stray,
     scene: Option<Arc<LoadedScene>>,
     a: Option<Arc<TraceResult>>,
     b: Option<Reference>,
@@ -305,6 +308,7 @@ impl Model {
             messages: Vec::new(),
             failure: None,
             light: Light::default(),
+            stray: Stray::default(),
             scene: None,
             a: None,
             b: None,
@@ -424,6 +428,7 @@ impl Model {
         if let Some(context) = self.context() {
             self.light.poll(&context, self.listed_detector());
         }
+        self.stray.poll();
         if let Paths::Recording(job) = &self.paths
             && let Some(paths) = job.take()
         {
@@ -434,6 +439,13 @@ impl Model {
                     Paths::Failed
                 }
             };
+        }
+    }
+
+    /// Begins the list of surfaces that are to blame for the stray light of a detector.
+    pub fn ask_for_stray(&mut self, detector: &str) {
+        if let Some(context) = self.context() {
+            self.stray.ask(&context, detector);
         }
     }
 
@@ -494,6 +506,7 @@ impl Model {
             && !matches!(self.paths, Paths::Recording(_))
             && self.making.is_none()
             && self.light.is_idle()
+            && !self.stray.is_asked()
     }
 
     /// Compares with the results in a folder.
@@ -642,6 +655,7 @@ impl Drop for Model {
             job.finish();
         }
         self.light.finish();
+        self.stray.finish();
         if let Paths::Recording(job) = std::mem::replace(&mut self.paths, Paths::NotAsked) {
             job.finish();
         }

@@ -147,14 +147,18 @@ impl Device {
         Device { gpu: Arc::new(Mutex::new(Some(gpu))), adapter: None }
     }
 
+    /// The adapter that is asked for.
+    pub(super) fn choice(&self) -> AdapterChoice {
+        AdapterChoice { name: self.adapter.clone(), ..AdapterChoice::default() }
+    }
+
     pub(super) fn open(&self) -> Result<Arc<Gpu>> {
         let mut gpu = lock(&self.gpu);
         // A device that has failed once stays failed.
         if let Some(gpu) = gpu.as_ref().filter(|gpu| gpu.check().is_ok()) {
             return Ok(gpu.clone());
         }
-        let choice = AdapterChoice { name: self.adapter.clone(), ..AdapterChoice::default() };
-        Ok(gpu.insert(Arc::new(Gpu::open(&choice)?)).clone())
+        Ok(gpu.insert(Arc::new(Gpu::open(&self.choice())?)).clone())
     }
 }
 

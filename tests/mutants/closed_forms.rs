@@ -15,9 +15,9 @@ use nsq_gpu::model::sources::{self, Aim};
 use nsq_gpu::model::{
     Aperture, AsphereProfile, Bsdf, BsdfTable, ClippedConic, Coating, CoatingRow, Collimated, Conic,
     Detector, DetectorKind, End, Extended, FarField, Frame, HarveyShack, Interaction, KCorrelation,
-    Lambertian, Medium, Mesh, MeshId, Outline, PathFilter, PixelGrid, Point, PolarTable, Pupil, RayDatabase,
-    ReflectProb, Sampling, Scatter, SceneIr, Shape, SimpleCoating, Source, SourceKind, Spectral, Spectrum,
-    Splat, Surface, Tabulated, TabulatedCoating,
+    Lambertian, Measured, MeasuredRow, MeasuredTable, Medium, Mesh, MeshId, Outline, PathFilter, PixelGrid,
+    Point, PolarTable, Pupil, RayDatabase, ReflectProb, Sampling, Scatter, SceneIr, Shape, SimpleCoating,
+    Source, SourceKind, Spectral, Spectrum, Splat, Surface, Tabulated, TabulatedCoating,
 };
 use nsq_gpu::program::layout::rng;
 use nsq_gpu::program::{Precision, Sampler};
@@ -59,6 +59,7 @@ pub fn named(name: &str) -> Option<fn(&Bench) -> Outcome> {
         "scatter gain" => scatter_gain,
         "K-correlation" => k_correlation,
         "scatter towards targets" => scatter_towards_targets,
+        "measured BSDF" => measured_bsdf,
         "split plate" => split_plate,
         "split faint" => split_faint,
         "split draws" => split_draws,
@@ -1226,6 +1227,92 @@ fn scatter_towards_targets(bench: &Bench) -> Outcome {
                         ir.surfaces[0].scatter
                     ));
                 }
+            }
+        }
+    }
+    Ok(())
+}
+
+/// A table whose values are 2 - r + 0.5 sin(2 a) at 20 degrees of incidence and three times that at 60, where r is the radial angle
+/// and a the azimuth [rad].
+fn wavy(transmits: bool) -> Bsdf {
+    let azimuth: Vec<f64> = (0..=24).map(|i| std::f64::consts::TAU * f64::from(i) / 24.0).collect();
+    let value = |level: f64, azimuth: f64, radial: f64| level * (2.0 - radial + 0.5 * (2.0 * azimuth).sin());
+    let row = |incidence_deg: f64, level: f64| {
+        let polar = vec![0.0, 0.7, 1.3];
+        let of = |azimuth: &f64| polar.iter().map(|radial| value(level, *azimuth, *radial)).collect();
+        let rows = azimuth.iter().map(of).collect();
+        MeasuredRow {
+            incidence_deg,
+            values: PolarTable { polar, azimuth: azimuth.clone(), rows },
+            scattered: 1.0,
+        }
+    };
+    let table = MeasuredTable { transmits, rows: vec![row(20.0, 0.2), row(60.0, 0.6)] };
+    Bsdf::Measured(Measured { table: table.into(), level: 1.0 })
+}
+
+/// A slanted wall sends the light of a table along the axes about the specular direction, by its integrals over the directions above
+/// the wall, whether rays follow the table or go towards targets.
+fn measured_bsdf(bench: &Bench) -> Outcome {
+    const NUM_RAYS: u64 = 60_000;
+    const SLANT: f64 = 0.6;
+    for (transmits, is_aimed) in [(false, false), (true, false), (false, true), (true, true)] {
+        let mut wall = plane("wall", 5.0, Interaction::Reflective { reflectance: vec![1.0] }, 0, 0);
+        wall.frame.rotation = DMat3::from_rotation_y(SLANT);
+        wall.scatter = Some(Scatter { fraction: 1.0, bsdf: wavy(transmits) });
+        let source = SourceKind::Point(Point { half_angle: 0.0 });
+        let mut ir = scene(source, vec![wall], vec![database("back", -50.0), database("beyond", 60.0)]);
+        for detector in &mut ir.detectors {
+            detector.kind =
+                DetectorKind::RayDatabase(RayDatabase { width: 1e9, height: 1e9, max_rays: None });
+        }
+        let incident = DVec3::Z;
+        let facing = -(DMat3::from_rotation_y(SLANT) * DVec3::Z);
+        let specular = if transmits { incident } else { incident - 2.0 * incident.dot(facing) * facing };
+        let normal = if transmits { -facing } else { facing };
+        let towards = (normal - normal.dot(specular) * specular).normalize();
+        let axes = [specular, towards, specular.cross(towards)];
+        if is_aimed {
+            let axis = (specular + 0.3 * towards).normalize().to_array();
+            let shape = TargetShape::Cone { axis, half_angle: 0.9 };
+            let targets = vec![Target { share: 0.6, shape }];
+            ir.scatter_sampling = vec![ScatterSampling { prob: None, targets }];
+        }
+        let mut setting = Setting::default();
+        setting.options.num_rays = NUM_RAYS;
+        setting.options.precision = Precision::F64;
+        let tally = bench.tally(&ir, &setting);
+        // Of the light, and of the light times the cosines with the axes and their product.
+        let parts = |d: DVec3| {
+            let [along, up, across] = axes.map(|axis| d.dot(axis));
+            [1.0, along, up, across, up * across]
+        };
+        let (mut sums, mut squares) = ([0.0; 5], [0.0; 5]);
+        for row in tally.detectors.iter().flat_map(|detector| &detector.rows) {
+            for (i, part) in parts(DVec3::from_array(row.direction)).into_iter().enumerate() {
+                sums[i] += row.weight * part;
+                squares[i] += (row.weight * part).powi(2);
+            }
+        }
+        let level = 0.2 + 0.4 * (SLANT.to_degrees() - 20.0) / 40.0;
+        let (steps, mut expected) = (600, [0.0; 5]);
+        let (step, turn) = (1.3 / f64::from(steps), std::f64::consts::TAU / f64::from(steps));
+        for (i, j) in (0..steps).flat_map(|i| (0..steps).map(move |j| (i, j))) {
+            let (radial, azimuth) = ((f64::from(i) + 0.5) * step, (f64::from(j) + 0.5) * turn);
+            let d =
+                radial.cos() * axes[0] + radial.sin() * (azimuth.cos() * axes[1] + azimuth.sin() * axes[2]);
+            let value = level * (2.0 - radial + 0.5 * (2.0 * azimuth).sin());
+            let light = value * d.dot(normal).max(0.0) * radial.sin() * step * turn;
+            parts(d).iter().zip(&mut expected).for_each(|(part, sum)| *sum += light * part);
+        }
+        for ((sum, squares), expected) in sums.into_iter().zip(squares).zip(expected) {
+            let (found, error) = (sum / NUM_RAYS as f64, squares.sqrt() / NUM_RAYS as f64);
+            // Between its azimuths the table is a little flatter than the sine.
+            if (found - expected).abs() > 4.5 * error + 2e-3 {
+                return Err(format!(
+                    "transmits: {transmits}, aimed: {is_aimed}: {found} ± {error}, expected {expected}"
+                ));
             }
         }
     }

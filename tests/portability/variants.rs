@@ -170,7 +170,8 @@ fn bsdf_after(kind: BsdfKind) -> Option<BsdfKind> {
         BsdfKind::Lambertian => Some(BsdfKind::HarveyShack),
         BsdfKind::HarveyShack => Some(BsdfKind::Tabulated),
         BsdfKind::Tabulated => Some(BsdfKind::KCorrelation),
-        BsdfKind::KCorrelation => None,
+        BsdfKind::KCorrelation => Some(BsdfKind::Measured),
+        BsdfKind::Measured => None,
     }
 }
 

@@ -1,13 +1,16 @@
 //! The scene from the side, with a few hundred recorded rays. A misplaced surface is seen at once.
 
 use crate::format::thousands;
+use crate::model::Detector;
 use crate::result::PathColumns;
 use crate::viewer::light::{Light, RaysOfPaths};
 use crate::viewer::plot::{Colors, Plot, PlotFrame, View};
 use crate::viewer::settings::{Plane, RayColor};
 use crate::viewer::silhouettes::{Kind, Silhouette, home, silhouettes};
 use crate::viewer::state::{App, side_view_key};
-use eframe::egui::{self, Align2, Color32, FontId, Painter, Shape, Stroke, Ui};
+use crate::viewer::stray::{Part, Stray};
+use crate::viewer::views::value;
+use eframe::egui::{self, Align2, Color32, ComboBox, FontId, Painter, Shape, Stroke, Ui};
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -37,6 +40,7 @@ pub fn show(app: &mut App, ui: &mut Ui) {
             ui.label("recording rays");
         }
     });
+    stray(app, ui);
     if let Some(remark) = remark {
         ui.horizontal(|ui| {
             if ui.button("All light").on_hover_text("Shows all rays again").clicked() {
@@ -70,10 +74,70 @@ pub fn show(app: &mut App, ui: &mut Ui) {
         if let Some(paths) = &paths {
             rays(painter, frame, paths, &settings.plane, settings.ray_color, reach(home));
         }
-        draw_silhouettes(&silhouettes, painter, frame, ui);
+        draw_silhouettes(&silhouettes, &app.model.stray, painter, frame, ui);
     });
     app.frame = Some(shown.frame);
     app.views.insert(key, view);
+}
+
+/// Which surfaces the sources light and a detector sees: a question, and the key of the answer.
+fn stray(app: &mut App, ui: &mut Ui) {
+    let model = &mut app.model;
+    let Some(scene) = model.scene() else { return };
+    let has_area = |detector: &&Detector| detector.kind.is_placed();
+    let names: Vec<String> =
+        scene.ir.detectors.iter().filter(has_area).map(|detector| detector.name.clone()).collect();
+    let Some(first) = names.first().cloned() else { return };
+    ui.horizontal_wrapped(|ui| {
+        let mut chosen = model.stray.detector.clone().unwrap_or(first);
+        ui.label("Stray light on");
+        let choice = ComboBox::from_id_salt("stray light").selected_text(&chosen).show_ui(ui, |ui| {
+            names.iter().for_each(|name| {
+                ui.selectable_value(&mut chosen, name.clone(), name);
+            });
+        });
+        choice.response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::ComboBox, true, "Stray light on"));
+        if model.stray.detector.as_ref().is_some_and(|known| *known != chosen) {
+            model.stray.clear();
+        }
+        model.stray.detector = Some(chosen.clone());
+        let button = egui::Button::new("Lit and seen");
+        let hint = "Colours surfaces by whether sources light them and whether the detector sees them, straight or by mirrors and lenses";
+        if ui.add_enabled(!model.stray.is_asked(), button).on_hover_text(hint).clicked() {
+            model.ask_for_stray(&chosen);
+        }
+        match model.stray.found() {
+            Some(Err(problem)) => {
+                let problem = problem.to_owned();
+                ui.colored_label(ui.visuals().error_fg_color, problem);
+            }
+            Some(Ok(found)) => {
+                for (part, meaning) in [
+                    (Part::LitAndSeen, "lit and seen"),
+                    (Part::Lit, "lit"),
+                    (Part::Seen, "seen"),
+                ] {
+                    swatch(ui, stray_color(part), meaning);
+                }
+                if let Some(worst) = found.first().filter(|worst| worst.sends[0] > 0.0) {
+                    ui.separator();
+                    ui.label(format!("most from {}: {}", worst.name, value(worst.sends[0], "W")));
+                }
+            }
+            None if model.stray.is_asked() => {
+                ui.label("tracing");
+            }
+            None => {}
+        }
+    });
+}
+
+fn stray_color(part: Part) -> Color32 {
+    match part {
+        Part::LitAndSeen => Color32::from_rgb(225, 45, 45),
+        Part::Lit => Color32::from_rgb(235, 150, 30),
+        Part::Seen => Color32::from_rgb(70, 120, 235),
+    }
 }
 
 /// The rays of the light that is shown, and what is to be said of them.
@@ -96,19 +160,28 @@ fn reach(View { x, y }: View) -> f64 {
 }
 
 /// Draws what stands in the scene, and the names of detectors and sources.
-fn draw_silhouettes(silhouettes: &[Silhouette], painter: &Painter, frame: &PlotFrame, ui: &Ui) {
+fn draw_silhouettes(
+    silhouettes: &[Silhouette],
+    stray: &Stray,
+    painter: &Painter,
+    frame: &PlotFrame,
+    ui: &Ui,
+) {
     let colors = Colors::of(ui);
     let dark = ui.visuals().dark_mode;
     let pick = |on_dark: Color32, on_light: Color32| if dark { on_dark } else { on_light };
-    for Silhouette { kind, curves, .. } in silhouettes {
+    for Silhouette { kind, curves, name } in silhouettes {
+        let part = stray.part(name).filter(|_| !matches!(kind, Kind::Detector | Kind::Source));
         let color = match kind {
+            _ if part.is_some() => part.map_or(Color32::GRAY, stray_color),
             Kind::Refractive => pick(Color32::from_rgb(140, 200, 255), Color32::from_rgb(20, 90, 170)),
             Kind::Reflective => pick(Color32::from_gray(225), Color32::from_gray(40)),
             Kind::Absorbing => pick(Color32::from_gray(130), Color32::from_gray(130)),
             Kind::Detector => pick(Color32::from_rgb(110, 225, 140), Color32::from_rgb(0, 120, 50)),
             Kind::Source => pick(Color32::from_rgb(255, 190, 80), Color32::from_rgb(190, 100, 0)),
         };
-        let width = if matches!(kind, Kind::Detector | Kind::Source) { 2.5 } else { 1.5 };
+        let is_wide = matches!(kind, Kind::Detector | Kind::Source) || part == Some(Part::LitAndSeen);
+        let width = if is_wide { 2.5 } else { 1.5 };
         for points in curves {
             if let [point] = points.as_slice() {
                 painter.circle_filled(frame.place(*point), 4.0, color);
