@@ -1,14 +1,15 @@
 """Stray light by aimed rays: one wall beside raysect's importance sampling, and beside an integral.
 
-    python benches/raysect_stray.py --binary target/release/nsq-gpu      # in an environment with raysect 0.8
+    pip install raysect==0.8.1.post1 "numpy<2"      # its wheel is of NumPy 1
+    python benches/raysect_stray.py --binary target/release/nsq-gpu --rays 1e6
 
-A square lamp and a square detector lie in one plane, so that no light goes straight from one to the other. Both face a white
-wall, which scatters by Lambert's law. raysect traces backwards, from the detector, and its wall aims at the lamp. nsq-gpu
-traces forwards, from the lamp, and its wall aims at the detector by ``scatter_to``. Each program is also run with plain rays.
+A square lamp and a square detector lie in one plane, and both face a wall that scatters by Lambert's law. raysect traces
+backwards, from the detector, and its wall aims at the lamp. nsq-gpu traces forwards, from the lamp, and its wall aims at
+the detector by ``scatter_to``. Each program is also run with plain rays.
 
 Units. The lamp has the radiance L [W/m^2/sr]. raysect takes L per nm, over a band of 1 nm. nsq-gpu takes the flux
 pi L (lamp's area) [W], and lengths in mm. raysect's pixel returns the flux [W], and irradiance is flux over the pixel's
-area. nsq-gpu's is ``irradiance`` [W/mm^2] times 1e6. The integral is exact to its last digit:
+area. nsq-gpu's is ``irradiance`` [W/mm^2] times 1e6. The integral is exact, by quadrature:
 
     E = R / pi * integral over the wall of (L * integral over the lamp of cos cos' / d^2) (mean over the detector of cos cos' / d^2)
 
@@ -18,6 +19,7 @@ Exit code 1 says that two of the three irradiances are more than four standard e
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import itertools
 import json
 import math
@@ -35,10 +37,8 @@ import numpy as np
 RADIANCE, REFLECTANCE = 1.0, 0.5
 #: Edges of wall, lamp and detector, how far the wall is, and how far lamp and detector are from the middle [m].
 WALL, LAMP, DETECTOR, HEIGHT, ASIDE = 0.4, 0.02, 0.01, 0.3, 0.06
-#: Share of the rays that the wall aims, in both programs.
-SHARE = 0.9
-#: How far apart two values may be: standard errors, and a share.
-MOST_ERRORS, MOST = 4.0, 0.02
+#: Share of the rays that the wall aims; how far apart two values may be: standard errors, and a share.
+SHARE, MOST_ERRORS, MOST = 0.9, 4.0, 0.02
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Found:
     irradiance: float
     error: float
     rays: int = 0
-    seconds: float = math.nan
+    seconds: float = 0.0
 
     def __str__(self) -> str:
         return (f"| {self.name} | {self.irradiance:.4e} | {self.error:.1e} | {100 * self.error / self.irradiance:.2f} % | {self.rays:,} "
@@ -70,7 +70,7 @@ def integral() -> float:
         squares = (x[:, None] - u) ** 2 + (y[:, None] - v) ** 2 + HEIGHT**2
         return np.asarray(HEIGHT**2 / squares**2 @ parts)
 
-    return float(REFLECTANCE / math.pi * areas @ (RADIANCE * seen(LAMP, -ASIDE) * seen(DETECTOR, ASIDE) / DETECTOR**2))
+    return float(REFLECTANCE / math.pi * RADIANCE * areas @ (seen(LAMP, -ASIDE) * seen(DETECTOR, ASIDE)) / DETECTOR**2)
 
 
 def by_raysect(samples: int, share: float) -> Found:
@@ -86,7 +86,7 @@ def by_raysect(samples: int, share: float) -> Found:
     world, thin = World(), 1e-6
     wall = Box(Point3D(-WALL / 2, -WALL / 2, 0), Point3D(WALL / 2, WALL / 2, 0.01), world, translate(0, 0, HEIGHT))
     wall.material = Lambert(ConstantSF(REFLECTANCE))
-    # Its front is at z = 0. Its sides are too thin to matter, and the wall does not see its back.
+    # The lamp's front is at z = 0. Its sides are too thin to matter, and the wall does not see its back.
     lamp = Box(Point3D(-LAMP / 2, -LAMP / 2, -thin), Point3D(LAMP / 2, LAMP / 2, 0), world, translate(-ASIDE, 0, 0))
     lamp.material = UniformSurfaceEmitter(ConstantSF(1.0), RADIANCE)
     lamp.material.importance = 1.0
@@ -96,9 +96,8 @@ def by_raysect(samples: int, share: float) -> Found:
                   render_engine=SerialEngine(), ray_importance_sampling=share > 0, ray_important_path_weight=share)
     started = time.perf_counter()
     pixel.observe()
-    took = time.perf_counter() - started
-    name = "raysect, importance sampling" if share else "raysect, plain"
-    return Found(name, power.value.mean / DETECTOR**2, power.value.error() / DETECTOR**2, power.value.samples, took)
+    return Found("raysect, importance sampling" if share else "raysect, plain", power.value.mean / DETECTOR**2,
+                 power.value.error() / DETECTOR**2, power.value.samples, time.perf_counter() - started)
 
 
 def by_us(binary: str, rays: int, share: float) -> Found:
@@ -118,12 +117,11 @@ def by_us(binary: str, rays: int, share: float) -> Found:
         started = time.perf_counter()
         done = subprocess.run([binary, "trace", str(path), "-n", str(rays), "--standard-error", "on", "--no-pictures", "--progress",
                                "never", "-o", str(results)], capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False)
-        took = time.perf_counter() - started
         if done.returncode:
-            raise SystemExit(f"raysect_stray.py: {done.stderr.strip()}")
+            raise SystemExit(done.stderr.strip())
         arrays = dict(np.load(results / "floor.npz"))
-    irradiance, error = (1e6 * float(arrays[key][0, 0]) for key in ("irradiance", "irradiance_standard_error"))
-    return Found("nsq-gpu, `scatter_to`" if share else "nsq-gpu, plain", irradiance, error, rays, took)
+    irradiance, error = (1e6 * float(arrays[key][0, 0]) for key in ("irradiance", "standard_error"))
+    return Found("nsq-gpu, `scatter_to`" if share else "nsq-gpu, plain", irradiance, error, rays, time.perf_counter() - started)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -131,17 +129,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--binary", default="nsq-gpu", help="the built command")
     parser.add_argument("--rays", type=float, default=1e6, help="rays of each program")
     given = parser.parse_args(arguments)
-    rays, exact = int(given.rays), Found("integral", integral(), 0.0)
-    aimed = [exact, by_raysect(rays, SHARE), by_us(given.binary, rays, SHARE)]
+    if not importlib.util.find_spec("raysect"):
+        print("SKIPPED: raysect is not installed")
+        return 0
+    rays = int(given.rays)
+    aimed = [Found("integral", integral(), 0.0), by_raysect(rays, SHARE), by_us(given.binary, rays, SHARE)]
     print("| | W/m^2 | std. error | of it | rays | seconds |\n|---|---|---|---|---|---|")
-    print("\n".join(map(str, [*aimed, by_raysect(rays, 0.0), by_us(given.binary, rays, 0.0)])), "\n")
+    print("\n".join(map(str, [*aimed, by_raysect(rays, 0.0), by_us(given.binary, rays, 0.0)])) + "\n")
     holds = True
     for one, other in itertools.combinations(aimed, 2):
         apart, error = other.irradiance - one.irradiance, math.hypot(one.error, other.error)
-        off = abs(apart) > MOST_ERRORS * error or abs(apart) > MOST * one.irradiance
-        holds &= not off
+        holds &= (near := abs(apart) <= min(MOST_ERRORS * error, MOST * one.irradiance))
         print(f"{other.name} beside {one.name}: {100 * apart / one.irradiance:+.2f} %, {apart / error:+.1f} standard errors"
-              + (", off" if off else ""))
+              + ("" if near else ", off"))
     return 0 if holds else 1
 
 

@@ -57,7 +57,7 @@ pub fn run(args: &Args) -> Result<String> {
             args.results[0].display()
         )));
     };
-    let is_photometric = args.photometric || scene.says_lumens();
+    let is_photometric = args.photometric || scene.is_photometric();
     if args.photometric && ir.wavelengths.len() > 1 && !wavelengths_apart::is_apart(&ir) {
         return Err(Error::Usage("--photometric: the results were traced without it".into()));
     }
@@ -103,7 +103,8 @@ pub fn run(args: &Args) -> Result<String> {
     }
     say(&on_the_bits(&ir, &parts, &merged.tally.rays));
     let photometric = is_photometric || wavelengths_apart::is_apart(&ir);
-    let info = RunInfo { photometric, ..run_info(&path, &scene, &merged) };
+    let color = if photometric { scene.color_detectors() } else { Vec::new() };
+    let info = RunInfo { photometric, color, ..run_info(&path, &scene, &merged) };
     let result = TraceResult::new(&ir, &info, &merged.tally)?;
     let printed = Printed { json: args.json, pictures };
     crate::cli::trace::deliver(&result, || merged.to_bytes().map(Some), args.output.as_deref(), printed)

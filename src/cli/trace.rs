@@ -131,10 +131,10 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         end_with_caller();
     }
     args.trace.override_sampling(&mut ir)?;
-    let pictures = args.pictures.style(&ir, args.photometric.is_on(scene.says_lumens()))?;
+    let pictures = args.pictures.style(&ir, args.photometric.is_on(scene.is_photometric()))?;
     let mut run = Run::of(&scene, &ir).named(args.scene.display()).messages(&say);
     run.start = start;
-    run = args.photometric.set(run, scene.says_lumens())?;
+    run = args.photometric.set(run)?;
     if let Some(path) = &args.checkpoint {
         run = run.checkpoint(path, args.checkpoint_interval, args.overwrite)?;
     }

@@ -5,6 +5,7 @@ use crate::cli::quantity;
 use crate::count;
 use crate::engine::options::MOST_PATH_ROWS;
 use crate::error::{Error, Result};
+use crate::format::shown;
 use crate::guide::Guide;
 use crate::guide::learn::Wanted;
 use crate::model::scatter_sampling::{Aim, AimTarget, DEFAULT_SHARE, Refusal, resolve, set};
@@ -132,7 +133,7 @@ pub enum PrecisionArg {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::Args)]
 pub(crate) struct PhotometricArg {
     /// Say results in lumens, lux and candela as well, for any spectrum. `auto` does where a source says its flux in lumens or
-    /// its intensity in candela. Light of each wavelength then has pixels of its own while rays are traced.
+    /// its intensity in candela, and where a detector has a color. Light of each wavelength then has pixels of its own while rays are traced.
     #[arg(long = "photometric", value_enum, default_value_t = When::Auto, default_missing_value = "on", num_args = 0..=1,
         require_equals = true, value_name = "WHEN")]
     when: When,
@@ -141,7 +142,7 @@ pub(crate) struct PhotometricArg {
 /// When results are photometric.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum When {
-    /// Where a source says its flux in lumens or its intensity in candela.
+    /// Where a source says its flux in lumens or its intensity in candela, or a detector has a color.
     Auto,
     /// Always.
     On,
@@ -150,14 +151,24 @@ enum When {
 }
 
 impl PhotometricArg {
-    /// The run, whose results are photometric if that is asked for, or if the scene says lumens.
-    pub(crate) fn set<'a>(&self, run: Run<'a>, says_lumens: bool) -> Result<Run<'a>> {
-        if self.is_on(says_lumens) { run.photometric() } else { Ok(run) }
+    /// The run, whose results are photometric if that is asked for, or if the scene is.
+    pub(crate) fn set<'a>(&self, run: Run<'a>) -> Result<Run<'a>> {
+        let scene = run.scene();
+        if self.is_on(scene.is_photometric()) {
+            return run.photometric();
+        }
+        match scene.color_detectors().first() {
+            Some(name) => Err(Error::Usage(format!(
+                "--photometric=off: the detector `{}` has a `color`, which is photometric; leave one of them out",
+                shown(name)
+            ))),
+            None => Ok(run),
+        }
     }
 
-    /// True if results are photometric, of a scene that says lumens or not.
-    pub(crate) fn is_on(self, says_lumens: bool) -> bool {
-        self.when == When::On || (self.when == When::Auto && says_lumens)
+    /// True if results are photometric, of a scene that is photometric or not.
+    pub(crate) fn is_on(self, is_photometric: bool) -> bool {
+        self.when == When::On || (self.when == When::Auto && is_photometric)
     }
 
     /// True if somebody asks for it.

@@ -9,6 +9,7 @@ pub mod bsdfs;
 pub(crate) mod checks;
 mod coating;
 mod coefficient_rows;
+pub mod color;
 pub mod depth;
 pub mod detectors;
 pub mod double_word;

@@ -64,8 +64,13 @@ const NEGLIGIBLE: f64 = 1e-6;
 
 /// Luminous efficiency V of a wavelength in um, from 0 to 1; linear between whole nanometres, 0 outside 380 to 780 nm.
 pub fn luminous_efficiency(wavelength: f64) -> f64 {
+    of_table(&EFFICIENCY, wavelength)
+}
+
+/// The value of a table of whole nanometres from 380 to 780 at a wavelength \[um\].
+pub(crate) fn of_table(table: &[f64; 401], wavelength: f64) -> f64 {
     let at = (wavelength - FIRST) / STEP;
-    let last = EFFICIENCY.len() - 1;
+    let last = table.len() - 1;
     // The ends of the table are not exact in binary.
     if !(-1e-9..=last as f64 + 1e-9).contains(&at) {
         return 0.0;
@@ -73,7 +78,7 @@ pub fn luminous_efficiency(wavelength: f64) -> f64 {
     let at = at.clamp(0.0, last as f64);
     let index = (at as usize).min(last - 1);
     let part = at - index as f64;
-    EFFICIENCY[index] * (1.0 - part) + EFFICIENCY[index + 1] * part
+    table[index] * (1.0 - part) + table[index + 1] * part
 }
 
 /// Luminous efficacy of a wavelength in um \[lm/W\]; 0 outside 380 to 780 nm.

@@ -1,6 +1,7 @@
 //! What sources give and detectors saw, in lumens, lux and candela.
 
 use crate::error::Result;
+use crate::result::color::Color;
 use crate::result::npz::ArrayWriter;
 use ndarray::{ArrayD, arr0};
 use serde::{Deserialize, Serialize};
@@ -23,6 +24,9 @@ pub struct Luminous {
     /// True of luminous intensity.
     #[serde(skip)]
     pub is_intensity: bool,
+    /// Its colour, if the detector sees colour.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub color: Option<Color>,
 }
 
 impl Luminous {
@@ -79,7 +83,8 @@ impl Luminous {
         file.add(self.name(), &self.map)?;
         file.add_optional(&format!("{}_standard_error", self.name()), &self.standard_error)?;
         file.add("luminous_flux", &arr0(self.flux_lm))?;
-        file.add_optional("luminous_flux_standard_error", &self.flux_lm_standard_error.map(arr0))
+        file.add_optional("luminous_flux_standard_error", &self.flux_lm_standard_error.map(arr0))?;
+        self.color.as_ref().map_or(Ok(()), |color| color.add_to(file))
     }
 
     /// Units of the arrays in that file.
@@ -89,7 +94,8 @@ impl Luminous {
             false => ["illuminance", "illuminance_standard_error"],
         };
         let fluxes = ["luminous_flux", "luminous_flux_standard_error"].map(|name| (name, "lm"));
-        maps.into_iter().map(|name| (name, self.unit())).chain(fluxes).collect()
+        let of_color = self.color.iter().flat_map(|_| Color::units(self.unit()));
+        maps.into_iter().map(|name| (name, self.unit())).chain(fluxes).chain(of_color).collect()
     }
 }
 

@@ -9,6 +9,7 @@
 //! ```
 
 pub mod coating_rank;
+pub mod color;
 pub mod comparison;
 mod detector;
 pub mod detectors;

@@ -5,8 +5,10 @@
 
 use crate::error::Result;
 use crate::format::{shown, significant};
+use crate::model::color::matching_functions;
 use crate::model::photometry::{MOST_EFFICACY, efficacy, luminous_efficiency};
 use crate::model::{Apart, DetectorKind, SceneIr, Source};
+use crate::result::color::{Color, PAIRS, Weighted};
 use crate::result::luminous::{Luminous, LuminousSource};
 use crate::result::wavelengths_apart::weighted;
 use crate::result::{Detector, FluxUnit, Moments, Tally, TraceResult};
@@ -52,26 +54,44 @@ pub(crate) fn table(result: &TraceResult) -> String {
             error(of_peak),
         );
     }
+    let colored: Vec<_> = result
+        .detectors
+        .iter()
+        .filter_map(|detector| {
+            Some((&detector.name, detector.luminous.as_ref()?.color.as_ref()?.chromaticity?))
+        })
+        .collect();
+    if !colored.is_empty() {
+        let _ = writeln!(table, "{:<width$}{:>20}{:>20}{:>20}{:>20}", "color", "x", "y", "u'", "v'");
+    }
+    for (name, color) in colored {
+        let figure = |i: usize, value: f64| match color.standard_error {
+            Some(errors) => format!("{value:.5} ± {:.1e}", errors[i]),
+            None => format!("{value:.5}"),
+        };
+        let [x, y] = [figure(0, color.x), figure(1, color.y)];
+        let [u, v] = [figure(2, color.u_prime), figure(3, color.v_prime)];
+        let _ = writeln!(table, "{:<width$}{x:>20}{y:>20}{u:>20}{v:>20}", shown(name));
+    }
     table
 }
 
-/// The mean of V^power over the light of a source.
-fn mean_efficiency(ir: &SceneIr, source: &Source, power: i32) -> f64 {
+/// The mean of a function of the wavelength to a power over the light of a source.
+fn mean_over(ir: &SceneIr, source: &Source, function: &dyn Fn(f64) -> f64, power: i32) -> f64 {
     let below = std::iter::once(&0.0).chain(&source.spectrum.cdf);
     let shares = source.spectrum.cdf.iter().zip(below).map(|(cdf, below)| cdf - below);
-    let efficiencies =
-        source.spectrum.wavelengths.iter().map(|&place| luminous_efficiency(ir.wavelengths[place]));
-    shares.zip(efficiencies).map(|(share, efficiency)| share * efficiency.powi(power)).sum()
+    let values = source.spectrum.wavelengths.iter().map(|&place| function(ir.wavelengths[place]));
+    shares.zip(values).map(|(share, value)| share * value.powi(power)).sum()
 }
 
 /// What each source gives, in photometric units, where all of them together give `total_flux` \[W\] of what they emit.
 pub(crate) fn of_source(ir: &SceneIr, source: &Source) -> LuminousSource {
-    let efficacy = MOST_EFFICACY * mean_efficiency(ir, source, 1);
+    let efficacy = MOST_EFFICACY * mean_over(ir, source, &luminous_efficiency, 1);
     LuminousSource { flux_lm: source.total_flux * efficacy, efficacy }
 }
 
 /// What each detector saw, in photometric units; none of a detector whose light has no map, or whose bins mix wavelengths.
-/// Scene and sums are given twice: as they were traced, and with wavelengths added up.
+/// Scene and sums are given twice: as they were traced, and with wavelengths added up. Those of these names see `color`.
 ///
 /// # Errors
 /// [`Error::Internal`] if the sums are not those of the scene.
@@ -79,9 +99,8 @@ pub(crate) fn of_detectors(
     [ir, plain]: [&SceneIr; 2],
     [tally, sums]: [&Tally; 2],
     unit: FluxUnit,
+    color: &[String],
 ) -> Result<Vec<Option<Luminous>>> {
-    let efficiencies: Vec<f64> =
-        ir.wavelengths.iter().map(|&wavelength| luminous_efficiency(wavelength)).collect();
     let of = |number: usize| -> Result<Option<Luminous>> {
         let (detector, as_written) = (&ir.detectors[number], &plain.detectors[number]);
         let one = Apart::new(&as_written.kind, &ir.wavelengths);
@@ -90,31 +109,49 @@ pub(crate) fn of_detectors(
             (_, Some(one)) if ir.wavelengths.len() == 1 => one,
             _ => return Ok(None),
         };
-        let mut cells = weighted(apart, &tally.detectors[number], Some(&efficiencies));
-        cells.totals = totals(ir, &cells.totals);
-        let unit = unit.times(MOST_EFFICACY);
-        let seen = Detector::of_part(plain, sums, unit, as_written, &cells)?;
-        Ok(seen.data.result().map().map(|map| {
-            let is_intensity = as_written.kind.grid().is_none();
-            let scale = if is_intensity { 1.0 } else { LUX };
-            Luminous {
-                flux_lm: seen.total_flux,
-                flux_lm_standard_error: seen.total_flux_standard_error,
-                map: map.values.mapv(|value| value * scale),
-                standard_error: map.errors.map(|errors| errors.mapv(|error| error * scale)),
-                is_intensity,
+        let is_intensity = as_written.kind.grid().is_none();
+        let seen = |function: &dyn Fn(f64) -> f64| -> Result<Option<Weighted>> {
+            let weights: Vec<f64> = ir.wavelengths.iter().map(|&wavelength| function(wavelength)).collect();
+            let mut cells = weighted(apart, &tally.detectors[number], Some(&weights));
+            cells.totals = totals(ir, &cells.totals, function);
+            let seen = Detector::of_part(plain, sums, unit.times(MOST_EFFICACY), as_written, &cells)?;
+            Ok(seen.data.result().map().map(|map| {
+                let scale = if is_intensity { 1.0 } else { LUX };
+                Weighted {
+                    flux: seen.total_flux,
+                    flux_error: seen.total_flux_standard_error,
+                    map: map.values.mapv(|value| value * scale),
+                    error: map.errors.map(|errors| errors.mapv(|error| error * scale)),
+                }
+            }))
+        };
+        let Some(of_y) = seen(&luminous_efficiency)? else { return Ok(None) };
+        let (flux_lm, flux_lm_standard_error) = (of_y.flux, of_y.flux_error);
+        let (map, standard_error) = (of_y.map.clone(), of_y.error.clone());
+        let color = match color.contains(&detector.name) {
+            true => {
+                let [x, z] = [0, 2].map(|i| seen(&|wavelength| matching_functions(wavelength)[i]));
+                let pairs = PAIRS.map(|(a, b)| {
+                    seen(&|wavelength| matching_functions(wavelength)[a] + matching_functions(wavelength)[b])
+                });
+                let [xy, xz, yz] = pairs;
+                let all = (x?, z?, xy?, xz?, yz?);
+                let (Some(x), Some(z), Some(xy), Some(xz), Some(yz)) = all else { return Ok(None) };
+                Some(Color::new(&[x, of_y, z], &[xy, xz, yz]))
             }
-        }))
+            false => None,
+        };
+        Ok(Some(Luminous { flux_lm, flux_lm_standard_error, map, standard_error, is_intensity, color }))
     };
     (0..ir.detectors.len()).map(of).collect()
 }
 
-/// Moments of each source's light, of which the spectrum is taken to be that of the source.
-fn totals(ir: &SceneIr, totals: &[Moments]) -> Vec<Moments> {
+/// Moments of each source's light by a function of the wavelength, of which the spectrum is taken to be that of the source.
+fn totals(ir: &SceneIr, totals: &[Moments], function: &dyn Fn(f64) -> f64) -> Vec<Moments> {
     let scaled = |quanta: u128, factor: f64| (quanta as f64 * factor).ceil() as u128;
     let of_source = |(moments, source): (&Moments, &Source)| Moments {
-        quanta: scaled(moments.quanta, mean_efficiency(ir, source, 1)),
-        squares: scaled(moments.squares, mean_efficiency(ir, source, 2)),
+        quanta: scaled(moments.quanta, mean_over(ir, source, function, 1)),
+        squares: scaled(moments.squares, mean_over(ir, source, function, 2)),
     };
     totals.iter().zip(&ir.sources).map(of_source).collect()
 }

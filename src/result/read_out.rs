@@ -32,7 +32,7 @@ impl TraceResult {
         let (ir, tally) = wavelengths_apart::added_up(apart, sums_apart);
         let (ir, tally) = (&*ir, &*tally);
         let luminous = match run.photometric {
-            true => photometry::of_detectors([apart, ir], [sums_apart, tally], unit)?,
+            true => photometry::of_detectors([apart, ir], [sums_apart, tally], unit, &run.color)?,
             false => vec![None; ir.detectors.len()],
         };
         let uncertainty = Uncertainty::new(ir, tally, unit);

@@ -9,6 +9,7 @@ use serde_json::{Map, Value};
 
 use crate::error::{Error, Result};
 use crate::model::DetectorFunction;
+use crate::result::color::Color;
 use crate::result::integrity::{self, Meta};
 use crate::result::light_paths::OtherLight;
 use crate::result::luminous::Luminous;
@@ -132,5 +133,15 @@ fn luminous_of(dir: &Path, name: &str, entry: DetectorEntry, seen: Luminous) -> 
     let mut stored = Stored::open(dir.join(REPORT), name, entry, file)?;
     let seen = Luminous { is_intensity, ..seen };
     let error = format!("{}_standard_error", seen.name());
+    let color = match seen.color {
+        Some(color) => Some(Color {
+            xyz: [stored.array("X")?, stored.array("Y")?, stored.array("Z")?],
+            standard_error: stored.optional("standard_error_XYZ")?,
+            covariance: stored.optional("covariance_XYZ")?,
+            ..color
+        }),
+        None => None,
+    };
+    let seen = Luminous { color, ..seen };
     Ok(Luminous { map: stored.array(seen.name())?, standard_error: stored.optional(&error)?, ..seen })
 }

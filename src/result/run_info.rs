@@ -50,6 +50,9 @@ pub struct RunInfo {
     /// True if results are in lumens, lux and candela as well.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub photometric: bool,
+    /// Detectors that see colour.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub color: Vec<String>,
     /// The lamp files that its sources name.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub lamp_files: Vec<LampFile>,
@@ -155,6 +158,7 @@ impl Default for RunInfo {
             stage_times: Vec::new(),
             scene_warnings: Vec::new(),
             photometric: false,
+            color: Vec::new(),
             lamp_files: Vec::new(),
             partial: false,
             stopped_by: None,

@@ -190,6 +190,7 @@ impl<'a> Run<'a> {
             scene_warnings: self.scene.warnings_in(options.precision),
             lamp_files: self.scene.lamp_files.clone(),
             photometric: self.photometric,
+            color: if self.photometric { self.scene.color_detectors() } else { Vec::new() },
             target_error: self.target_error,
             has_no_gpu: gpu.stands_in_for_gpu(),
             ..options.run_info(&gpu.info)

@@ -194,6 +194,11 @@ impl<'a> Run<'a> {
         }
     }
 
+    /// The scene that the user wrote.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
     /// The scene as it is traced.
     pub fn model(&self) -> &SceneIr {
         &self.model

@@ -172,9 +172,16 @@ impl Scene {
         Ok(Scene { file, warnings, f32_warnings, folder, lamp_files, wavelengths, surfaces, meshes, media })
     }
 
-    /// True if some source says its flux in lumens, or its intensity in candela.
-    pub fn says_lumens(&self) -> bool {
+    /// True if some source says its flux in lumens or its intensity in candela, or some detector sees colour.
+    pub fn is_photometric(&self) -> bool {
         self.file.sources.iter().any(|source| source.total_flux_lumens().is_some())
+            || !self.color_detectors().is_empty()
+    }
+
+    /// The names of detectors that see colour.
+    pub fn color_detectors(&self) -> Vec<String> {
+        let colored = self.file.detectors.iter().filter(|detector| detector.sees_color());
+        colored.map(|detector| detector.name().to_owned()).collect()
     }
 
     /// The warnings of a trace in this precision.

@@ -45,7 +45,14 @@ impl Stray {
         let work = move |watch: &Watch| {
             let next = |_: &_| if watch.is_stopped() { Next::Cancel } else { Next::GoOn };
             let mut session = Session::new(choice);
-            blame((&scene.scene, &scene.ir), &wanted, &mut session, (&options, PATH_ROWS), |run| Ok(run), next)
+            blame(
+                (&scene.scene, &scene.ir),
+                &wanted,
+                &mut session,
+                (&options, PATH_ROWS),
+                |run| Ok(run),
+                next,
+            )
         };
         self.detector = Some(detector.to_owned());
         self.found = None;

@@ -267,7 +267,7 @@ pub(super) fn run<'a>(scene: &'a LoadedScene, options: &RunOptions, gpu: &'a Gpu
     };
     let run = Run::of(&scene.scene, &scene.ir);
     // As in `nsq-gpu trace`.
-    let run = if scene.scene.says_lumens() { run.photometric()? } else { run };
+    let run = if scene.scene.is_photometric() { run.photometric()? } else { run };
     let mut run = run
         .named(scene.path.display())
         .on(gpu)

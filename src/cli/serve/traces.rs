@@ -23,9 +23,8 @@ impl TraceRequest {
             let start = Instant::now();
             let scene = Scene::with_numbers(&self.scene, &self.folder, &self.set);
             let scene = scene.map_err(|error| self.named(error))?;
-            let says_lumens = scene.says_lumens();
             let run = Run::new(scene)?.change_model(|ir| self.args.override_sampling(ir))?;
-            let run = self.photometric.set(run, says_lumens)?;
+            let run = self.photometric.set(run)?;
             let mut run = self.run(session, run)?.record_paths(self.record_paths);
             run.start = start;
             return Ok(run.go_with(|pass| Ok(next(&pass.status)))?.result);

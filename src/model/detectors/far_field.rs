@@ -4,7 +4,8 @@ use crate::Result;
 use crate::model::checks;
 use crate::model::detectors::grid::{self, ArrivalError, GridRow};
 use crate::model::detectors::{
-    Detection, DetectorExtra, DetectorFunction, DetectorKind, DetectorWgsl, Records, WrittenDetector, written,
+    ColorSpace, Detection, DetectorExtra, DetectorFunction, DetectorKind, DetectorWgsl, Records,
+    WrittenDetector, written,
 };
 use crate::model::shapes::Outline;
 use crate::shaders::shader;
@@ -50,10 +51,17 @@ written! {
         /// Bins of the azimuth, -180 to 180 degrees.
         #[serde(default = "full_circle")]
         pub num_bins_phi: u32,
+        /// `xyz`: the detector sees colour, and results are photometric.
+        #[serde(default)]
+        pub color: Option<ColorSpace>,
     }
 }
 
 impl WrittenDetector for Written {
+    fn sees_color(&self) -> bool {
+        self.color.is_some()
+    }
+
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
         grid::check_count(at("num_bins_theta"), self.num_theta())?;
         grid::check_count(at("num_bins_phi"), self.num_bins_phi)?;

@@ -5,7 +5,8 @@ pub use crate::model::detectors::grid::PixelGrid;
 use crate::Result;
 use crate::model::detectors::grid::{self, ArrivalError, GridRow, SplatKind};
 use crate::model::detectors::{
-    Detection, DetectorExtra, DetectorFunction, DetectorKind, DetectorWgsl, Records, WrittenDetector, written,
+    ColorSpace, Detection, DetectorExtra, DetectorFunction, DetectorKind, DetectorWgsl, Records,
+    WrittenDetector, written,
 };
 use crate::model::shapes::Outline;
 use crate::shaders::shader;
@@ -34,10 +35,17 @@ written! {
         /// Standard deviation of a Gaussian splat \[pixels\]; 0 for none.
         #[serde(default = "grid::default_sigma")]
         pub splat_sigma: f64,
+        /// `xyz`: the detector sees colour, and results are photometric.
+        #[serde(default)]
+        pub color: Option<ColorSpace>,
     }
 }
 
 impl WrittenDetector for Written {
+    fn sees_color(&self) -> bool {
+        self.color.is_some()
+    }
+
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
         grid::check_rectangle(at, self.width, self.height)?;
         grid::check_count(at("num_pixels_x"), self.num_pixels_x)?;

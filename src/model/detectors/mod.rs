@@ -216,6 +216,19 @@ pub trait WrittenDetector: HasShared {
     fn band(&self) -> Option<[f64; 2]> {
         None
     }
+
+    /// True if colour is asked of it.
+    fn sees_color(&self) -> bool {
+        false
+    }
+}
+
+/// What a detector sees colour in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Deserialize, schemars::JsonSchema)]
+pub enum ColorSpace {
+    /// X, Y and Z of the CIE 1931 observer of 2 degrees.
+    #[serde(rename = "xyz")]
+    Xyz,
 }
 
 impl Written {
