@@ -171,6 +171,21 @@ fn a_square_gets_its_form_factor() {
     assert!(error / expected > 0.1, "plain rays are worth less: {error}");
 }
 
+/// A mirror's far side gets no ray, although a target lies there: what would have no weight ends at the mirror.
+#[test]
+fn rays_without_weight_end() {
+    let scene = json!({"nsq_schema_version": 1, "components": [],
+        "sources": [{"type": "collimated", "name": "beam", "cs": {"z": 10.0, "rx": PI}, "aperture_radius": 1.0, "total_flux": 1.0,
+            "spectrum": {"wavelengths": [0.55], "weights": [1.0]}}],
+        "detectors": [{"type": "irradiance", "name": "behind", "cs": {"z": -10.0}, "width": 4.0, "height": 4.0,
+            "num_pixels_x": 1, "num_pixels_y": 1}],
+        "nsq_gpu": {"version": 1, "sampling": {"scatter_to": [{"surface": "paint", "target": "behind", "share": 0.5}]},
+            "surfaces": [{"name": "paint", "cs": {}, "shape": {"type": "plane", "aperture_radius": 5.0},
+                "interaction": "reflective", "reflectance": 1.0, "bsdf": {"type": "lambertian"}}]}});
+    let tally = zoo::trace(&lowered(&scene), &zoo::options(10_000, 1, Precision::F32));
+    assert_eq!(tally.detectors[0].hits.iter().sum::<u64>(), 0);
+}
+
 /// No weight is more than 1 / (1 - shares) times the plain one: here f / P times that.
 #[test]
 fn weights_are_bounded() {

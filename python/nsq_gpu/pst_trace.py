@@ -97,7 +97,7 @@ def pst(scene: NSQScene | str | os.PathLike[str], angles_deg: Sequence[float] | 
         raise UsageError(f"parts is {parts!r}; give 1 or more")
     keys, rays = keys_of(scatter_prob, scatter_to), whole_number("num_rays", num_rays)
     named = {"num_rays": rays, "seed": whole_number("seed", seed), "precision": precision, "detector": detector, "source": source,
-             "pivot": None if pivot is None else _point(pivot), "target_error": target_error, "adapter": adapter,
+             "pivot": None if pivot is None else point_of(pivot), "target_error": target_error, "adapter": adapter,
              "max_depth": None if max_depth is None else whole_number("max_depth", max_depth), **as_written(options)}
     arguments = [f"--{name.replace('_', '-')}={value}" for name, value in named.items() if value is not None]
     points: dict[Place, Json] = {}
@@ -143,7 +143,8 @@ def angles_of_axis(name: str, given: Any) -> np.ndarray:
     return found
 
 
-def _point(given: Any) -> str:
+def point_of(given: Any) -> str:
+    """Return a point [mm] as the program reads it."""
     try:
         parts = [float(part) for part in given]
     except (TypeError, ValueError):

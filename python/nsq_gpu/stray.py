@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from nsq_gpu.export.values import whole_number
 from nsq_gpu.paths import _Table
 from nsq_gpu.process import answer
 from nsq_gpu.progress import Counter, Progress, Shown
+from nsq_gpu.pst_trace import angles_of_axis, point_of
 from nsq_gpu.scattering import ScatterProb, ScatterTo, answering, file_of, keys_of
 from nsq_gpu.session import EXPORTED, as_written
 
@@ -69,7 +71,8 @@ class StraySurfaces(_Table):
 
 def stray_surfaces(scene: NSQScene | str | os.PathLike[str], detector: str, *, num_rays: int = 1_000_000, seed: int = 0,
                    max_depth: int | None = None, precision: str = "auto", scatter_prob: ScatterProb = None,
-                   scatter_to: ScatterTo = None, adapter: str | None = None, binary: str | os.PathLike[str] | None = None,
+                   scatter_to: ScatterTo = None, angle_deg: float | None = None, azimuth_deg: float = 0.0,
+                   source: str | None = None, pivot: Sequence[float] | None = None, adapter: str | None = None, binary: str | os.PathLike[str] | None = None,
                    timeout: float | None = None, progress: Progress = None, **options: Any) -> StraySurfaces:
     """List surfaces by the stray light that they send to a detector: which of them a source lights, and which the detector sees.
 
@@ -88,6 +91,10 @@ def stray_surfaces(scene: NSQScene | str | os.PathLike[str], detector: str, *, n
         precision: As that of :class:`nsq_gpu.NsqGpuBackend`.
         scatter_prob: As that of :class:`nsq_gpu.NsqGpuBackend`.
         scatter_to: As that of :class:`nsq_gpu.NsqGpuBackend`.
+        angle_deg: Turns the source to this angle off its axis first [deg], as :func:`nsq_gpu.pst` does.
+        azimuth_deg: The azimuth of the turned source [deg].
+        source: The collimated source that is turned. None: a beam that overfills the scene takes the place of all sources.
+        pivot: The point about which the source is turned, shape (3,) [mm]. None: the middle of the scene.
         adapter: A part of the adapter's name.
         binary: Path of the program.
         timeout: Longest time of the call [s].
@@ -104,6 +111,11 @@ def stray_surfaces(scene: NSQScene | str | os.PathLike[str], detector: str, *, n
     keys, rays = keys_of(scatter_prob, scatter_to), whole_number("num_rays", num_rays)
     named = {"num_rays": rays, "seed": whole_number("seed", seed), "precision": precision, "detector": detector, "adapter": adapter,
              "max_depth": None if max_depth is None else whole_number("max_depth", max_depth), **as_written(options)}
+    if angle_deg is not None:
+        angle, azimuth = (angles_of_axis(name, [given])[0] for name, given in (("angle_deg", angle_deg), ("azimuth_deg", azimuth_deg)))
+        named |= {"angle": angle, "azimuth": azimuth, "source": source, "pivot": None if pivot is None else point_of(pivot)}
+    elif source is not None or pivot is not None:
+        raise UsageError("source and pivot say how the source is turned, and angle_deg is None; give an angle, such as angle_deg=0")
     arguments = [f"--{name.replace('_', '-')}={value}" for name, value in named.items() if value is not None]
     with tempfile.TemporaryDirectory(prefix="nsq-gpu-") as name, Shown(progress or False) as shown, answering(keys):
         counted, file = Counter(shown, rays), file_of(scene, keys, Path(name))

@@ -43,4 +43,9 @@ fn plain_scatter(ray: ptr<function, Ray>, surface: Surface, n_geometric: vec3<re
     deposit_loss(CELL_BSDF, before, after);
     deposit_loss(CELL_BSDF_GAIN, after, before);
     (*ray).weight = after;
+    // A target may lie where the surface sends no light, such as behind a mirror. Such a ray would be followed for nothing, and
+    // counted where it hits.
+    if after == 0.0 {
+        (*ray).fate = ABSORBED;
+    }
 }
