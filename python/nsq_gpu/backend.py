@@ -16,6 +16,7 @@ from optiland.nonsequential.backends.base import TracerBackend
 
 from nsq_gpu.arguments import PRECISIONS, SAMPLERS, of_an_instance, wrong_kind
 from nsq_gpu.binary import find_binary
+from nsq_gpu.color import ColorOf, checked, colored
 from nsq_gpu.edges import shape_of, warn_of_edges
 from nsq_gpu.errors import (
     TOLERANCE_NOT_MET,
@@ -92,6 +93,8 @@ class NsqGpuBackend(TracerBackend):
         photometric: True says results in lumens, lux and candela as well, for any spectrum, and False does not. None does where
             a source says its flux in lumens, or its intensity in candela. Watts are the same. Pixels then take memory for each
             wavelength.
+        color: True gives irradiance and far-field detectors colour, and a list of names those: ``xyz`` with errors, and
+            ``chromaticity()``. Results are then photometric. None leaves it to the scene's own ``color``.
         scatter_prob: With this probability rays scatter where a share of the light does; or probabilities by the surface's
             name, such as ``{"M1*": 0.5}``, in which ``*`` stands for any characters. Weights make up for it. None leaves it to
             the scene's own ``scatter_prob``.
@@ -110,7 +113,7 @@ class NsqGpuBackend(TracerBackend):
                  sampler: str = "pcg", max_depth: int | None = None, paths: bool = False,
                  where: str | None = None, gradient: str | None = "interior", backward_seed: int | None = None,
                  check_edges: bool = True, guide: bool = False, photometric: bool | None = None,
-                 scatter_prob: ScatterProb = None, scatter_to: ScatterTo = None) -> None:
+                 scatter_prob: ScatterProb = None, scatter_to: ScatterTo = None, color: ColorOf = None) -> None:
         for name, given, known in (("precision", precision, PRECISIONS), ("sampler", sampler, SAMPLERS)):
             if given not in known:
                 raise UsageError(f"{name} is {given!r}; give one of {', '.join(known)}")
@@ -140,6 +143,7 @@ class NsqGpuBackend(TracerBackend):
         self.where = where
         self.guide = guide
         self.photometric = photometric
+        self.color = checked(color, photometric)
         self.scatter_prob = scatter_prob
         self.scatter_to = scatter_to
         keys_of(scatter_prob, scatter_to)
@@ -181,7 +185,8 @@ class NsqGpuBackend(TracerBackend):
         exported = export_wanted(scene) if self._differentiates() else export(scene)
         keys = keys_of(self.scatter_prob, self.scatter_to)
         with answering(keys):
-            return self._trace(binary, scene, scattered(exported, keys), num_rays, max_depth, min_flux_fraction, seed, record_paths)
+            exported = colored(scattered(exported, keys), self.color)
+            return self._trace(binary, scene, exported, num_rays, max_depth, min_flux_fraction, seed, record_paths)
 
     def _trace(self, binary: str, scene: NSQScene, exported: ExportedScene, num_rays: int, max_depth: int, min_flux_fraction: float,
                seed: int | None, record_paths: bool | int) -> Result:

@@ -28,6 +28,7 @@ from optiland.nonsequential import NSQScene
 
 from nsq_gpu.arguments import missing
 from nsq_gpu.binary import find_binary
+from nsq_gpu.color import ColorOf, colored
 from nsq_gpu.errors import NsqGpuError, SceneError, TraceTimeoutError, UsageError, with_partial
 from nsq_gpu.export import export, to_json
 from nsq_gpu.integrity import read_report
@@ -86,7 +87,8 @@ class Traced(NamedTuple):
 def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None = None, *, seed: int = 0,
           max_depth: int = 16, precision: str = "auto", adapter: str | None = None, binary: str | None = None,
           any_driver: bool = False, target_error: float | str | None = None, timeout: float | None = None,
-          progress: Progress = None, scatter_prob: ScatterProb = None, scatter_to: ScatterTo = None, **options: Any) -> Result:
+          progress: Progress = None, scatter_prob: ScatterProb = None, scatter_to: ScatterTo = None, color: ColorOf = None,
+          **options: Any) -> Result:
     """Trace a scene on a Dask cluster; return Optiland's result, and leave live detectors as its own backends do.
 
     The bits are those of ``nsq-gpu trace -n NUM_RAYS`` with ``--strict``, where the adapters allow strict arithmetic.
@@ -117,6 +119,7 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
         progress: As that of :class:`nsq_gpu.NsqGpuBackend`; a range counts when it is done.
         scatter_prob: As that of :class:`nsq_gpu.NsqGpuBackend`.
         scatter_to: As that of :class:`nsq_gpu.NsqGpuBackend`.
+        color: As that of :class:`nsq_gpu.NsqGpuBackend`.
         options: Further options of ``nsq-gpu trace`` by their names, such as ``paths=True``. The table of paths is that
             of one trace of all rays. Files of ``guide_from`` and ``guide_to`` are read and written here alone.
 
@@ -136,7 +139,7 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
     deadline = _Deadline(timeout)
     target = None if target_error is None else _fraction(target_error)
     keys = keys_of(scatter_prob, scatter_to)
-    exported = scattered(export(scene), keys)
+    exported = colored(scattered(export(scene), keys), color)
     text = to_json(exported.document, indent=None)
     program = find_binary(binary)
     options = {name: value for name, value in as_written(options).items() if value is not None}

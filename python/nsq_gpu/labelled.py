@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from nsq_gpu import photometry
+from nsq_gpu import color, photometry
 from nsq_gpu.arguments import missing
 from nsq_gpu.units import identifiers
 
@@ -95,8 +95,19 @@ def of_result(result: Result) -> Any:
         for key in (seen, f"{seen}_standard_error"):
             if key in arrays:
                 variables[f"{plain}_{key}"] = (list(found), arrays[key], {"units": unit})
+        _add_colors(variables, coordinates, plain, list(found), result.detectors[name], unit)
     about = {key: result.report_json[key] for key in ("version", "seed", "precision", "sampler", "max_depth", "adapter")}
     return library.Dataset(variables, coordinates, about | {"num_rays": result.num_rays_total, "partial": int(result.partial)})
+
+
+def _add_colors(variables: dict[str, Any], coordinates: dict[str, Any], plain: str, axes: list[str], detector: Any,
+                unit: str) -> None:
+    """Add X, Y and Z of a detector, their errors and covariances, where they are known."""
+    for key, axis, names, of in (("xyz", "tristimulus", color.PARTS, unit), ("xyz_standard_error", "tristimulus", color.PARTS, unit),
+                                 ("xyz_covariance", "pair", color.PAIRS, f"{unit}^2")):
+        if (values := getattr(detector, key)) is not None:
+            coordinates[f"{plain}_{axis}"] = list(names)
+            variables[f"{plain}_{key}"] = ([f"{plain}_{axis}", *axes], values, {"units": of})
 
 
 def detector_table(result: Result) -> Any:

@@ -24,6 +24,7 @@ from optiland.nonsequential.diagnostics import Diagnostics, build_diagnostics
 from optiland.nonsequential.path_recording import _EVENT_DTYPE
 from optiland.nonsequential.tracer import SimulationResult
 
+from nsq_gpu.color import add_color
 from nsq_gpu.detectors import SphereFarField
 from nsq_gpu.display import Displayed, Summary, error_of, number
 from nsq_gpu.errors import (
@@ -328,6 +329,7 @@ def result_of(report: Json, arrays: dict[str | None, dict[str, np.ndarray]], det
     """Return a result of these parts."""
     for name, detector in detectors.items():
         _add_errors(detector, report["detectors"][name], arrays[name])
+        add_color(detector, name, report, arrays[name])
     result = Result(**{key: report[key] for key in _SAME}, detectors=detectors, ray_paths=ray_paths, diagnostics=diagnostics)
     rows = report.get("paths")
     result.paths = None if rows is None else path_table(rows, text, report.get("recoated", ()))

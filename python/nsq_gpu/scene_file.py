@@ -495,11 +495,15 @@ def _add_detector(scene: NSQScene, spec: Json, extra: Json) -> None:
     frame = _frame(spec["cs"])
     if not spec.get("sphere"):
         scene.add_detector(spec["name"], frame, _detector_config(spec, extra))
-        return
-    from nsq_gpu.detectors import SphereFarField
+    else:
+        from nsq_gpu.detectors import SphereFarField
 
-    given = {key: spec[key] for key in ("num_bins_theta", "num_bins_phi", "absorb") if spec.get(key) is not None}
-    scene.detector_registry.add(spec["name"], SphereFarField(frame, **given))
+        given = {key: spec[key] for key in ("num_bins_theta", "num_bins_phi", "absorb") if spec.get(key) is not None}
+        scene.detector_registry.add(spec["name"], SphereFarField(frame, **given))
+    if spec.get("color") is not None:
+        # For the exporter.
+        live: Any = scene.detector_registry.get(spec["name"])
+        live.color = spec["color"]
 
 
 def _detector_config(spec: Json, extra: Json) -> Any:
@@ -512,5 +516,5 @@ def _detector_config(spec: Json, extra: Json) -> Any:
     # The one pair of names that differs between v1 and the config.
     names = {"num_bins_theta": "num_theta", "num_bins_phi": "num_phi"} if spec["type"] == "far_field" else {}
     parameters = {names.get(key, key): value for key, value in spec.items()
-                  if key not in ("type", "name", "cs", "sphere") and value is not None}
+                  if key not in ("type", "name", "cs", "sphere", "color") and value is not None}
     return configs[spec["type"]](**parameters, **extra)

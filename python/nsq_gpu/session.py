@@ -21,6 +21,7 @@ from optiland.nonsequential import NSQScene
 
 from nsq_gpu.arguments import check_mapping, check_scene, of_names
 from nsq_gpu.binary import find_binary
+from nsq_gpu.color import ColorOf, colored
 from nsq_gpu.errors import Interrupted, NsqGpuError, SceneError, TraceTimeoutError, UsageError, error_of, with_partial
 from nsq_gpu.export import export, to_json
 from nsq_gpu.export.values import whole_number
@@ -127,7 +128,8 @@ class Session:
         self._running()
 
     def trace(self, scene: NSQScene, num_rays: int, *, seed: int = 0, max_depth: int = 16, timeout: float | None = None,
-              progress: Progress = None, scatter_prob: ScatterProb = None, scatter_to: ScatterTo = None, **options: Any) -> Result:
+              progress: Progress = None, scatter_prob: ScatterProb = None, scatter_to: ScatterTo = None, color: ColorOf = None,
+              **options: Any) -> Result:
         """Trace a scene; return Optiland's result, and leave live detectors as its own backends do.
 
         Args:
@@ -139,6 +141,7 @@ class Session:
             progress: As that of :class:`nsq_gpu.NsqGpuBackend`.
             scatter_prob: As that of :class:`nsq_gpu.NsqGpuBackend`.
             scatter_to: As that of :class:`nsq_gpu.NsqGpuBackend`.
+            color: As that of :class:`nsq_gpu.NsqGpuBackend`.
             options: Further options of ``nsq-gpu trace`` by their names, such as ``sampler="sobol"``,
                 ``standard_error=True``, ``record_paths=True``, ``paths=True``, ``where="reflections == 2"``,
                 ``photometric=True``.
@@ -149,7 +152,7 @@ class Session:
                 detectors hold it too. So it is with TraceTimeoutError.
         """
         keys = keys_of(scatter_prob, scatter_to)
-        exported = scattered(export(scene), keys)
+        exported = colored(scattered(export(scene), keys), color)
         options = as_written(options)
         records_paths = options.get("record_paths") is not None
         if records_paths:

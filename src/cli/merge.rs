@@ -214,6 +214,7 @@ fn run_info(path: &Path, scene: &Scene, merged: &Checkpoint) -> RunInfo {
             _ => Precision::F64,
         }),
         lamp_files: scene.lamp_files.clone(),
+        ray_files: scene.ray_files.clone(),
         guide: identity.guide.as_ref().map(GuideInfo::of),
         first_ray: identity.first_ray,
         of_rays: identity.of_rays,

@@ -186,6 +186,7 @@ impl Features {
             || self.scatters_to
             || self.aimed
             || self.sources.contains(&SourceFunction::Tabulated)
+            || self.sources.contains(&SourceFunction::Rays)
             || self.shapes.contains(&ShapeKind::Freeform)
             || self.tabulated_coatings
             || self.bsdfs.iter().any(|kind| kind.has_table())

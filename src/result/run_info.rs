@@ -2,6 +2,7 @@
 
 use crate::format::{plain, thousands};
 use crate::model::guide::{Guide, PLAIN_SHARE};
+use crate::model::sources::rays::RayFileUsed;
 use crate::model::sources::tabulated::LampFile;
 use crate::result::stopped_by::StoppedBy;
 use serde::{Deserialize, Serialize};
@@ -53,6 +54,9 @@ pub struct RunInfo {
     /// Detectors that see colour.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub color: Vec<String>,
+    /// The ray files that its sources name.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub ray_files: Vec<RayFileUsed>,
     /// The lamp files that its sources name.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub lamp_files: Vec<LampFile>,
@@ -160,6 +164,7 @@ impl Default for RunInfo {
             photometric: false,
             color: Vec::new(),
             lamp_files: Vec::new(),
+            ray_files: Vec::new(),
             partial: false,
             stopped_by: None,
             target_error: None,

@@ -189,6 +189,7 @@ impl<'a> Run<'a> {
             precision_warning: choice.warning,
             scene_warnings: self.scene.warnings_in(options.precision),
             lamp_files: self.scene.lamp_files.clone(),
+            ray_files: self.scene.ray_files.clone(),
             photometric: self.photometric,
             color: if self.photometric { self.scene.color_detectors() } else { Vec::new() },
             target_error: self.target_error,

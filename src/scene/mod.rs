@@ -28,6 +28,8 @@ pub mod notes;
 #[allow(clippy::wildcard_enum_match_arm, reason = "JSON's kinds of values are not the scene's")]
 pub(crate) mod parameters;
 pub mod path_expression;
+pub mod ray_files;
+mod ray_sources;
 mod scatter_policy;
 mod surfaces;
 pub(crate) mod units;
@@ -41,6 +43,7 @@ use serde_json::Value;
 
 use crate::format::path_text;
 use crate::model::place::{quoted, ticked};
+use crate::model::sources::rays::RayFileUsed;
 use crate::model::sources::tabulated::LampFile;
 use crate::model::{Mesh, Precision, whole_files};
 use crate::scene::json::SceneFile;
@@ -68,6 +71,8 @@ pub struct Scene {
     pub folder: PathBuf,
     /// The lamp files whose tables are in `file`.
     pub lamp_files: Vec<LampFile>,
+    /// The ray files whose rays are in `file`.
+    pub ray_files: Vec<RayFileUsed>,
     pub(crate) wavelengths: Vec<f64>,
     pub(crate) surfaces: Vec<SceneSurface>,
     pub(crate) meshes: Vec<Mesh>,
@@ -161,6 +166,7 @@ impl Scene {
         let mut file: SceneFile = de::typed(tree)?;
         let mut warnings = Vec::new();
         let lamp_files = lamp_files::fill(&mut file, folder, &mut warnings)?;
+        let ray_files = ray_sources::fill(&mut file, folder, &mut warnings)?;
         validate::check(&file, &mut warnings)?;
         let wavelengths = distinct_wavelengths(&file);
         let meshes = meshes::Meshes::load(&file, folder, &mut warnings)?;
@@ -169,7 +175,18 @@ impl Scene {
         let meshes = meshes.meshes;
         warnings.extend(warnings::of(&file, &surfaces, &meshes, &media, &wavelengths));
         let (f32_warnings, folder) = (warnings::of_f32(&surfaces), folder.to_owned());
-        Ok(Scene { file, warnings, f32_warnings, folder, lamp_files, wavelengths, surfaces, meshes, media })
+        Ok(Scene {
+            file,
+            warnings,
+            f32_warnings,
+            folder,
+            lamp_files,
+            ray_files,
+            wavelengths,
+            surfaces,
+            meshes,
+            media,
+        })
     }
 
     /// True if some source says its flux in lumens or its intensity in candela, or some detector sees colour.

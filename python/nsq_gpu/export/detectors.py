@@ -14,6 +14,7 @@ from optiland.nonsequential.detectors.ray_database import RayDatabaseDetector
 from optiland.nonsequential.detectors.spectral import SpectralDetector
 from optiland.nonsequential.scene import NSQScene
 
+from nsq_gpu.color import KEY, SPACE, UNITS
 from nsq_gpu.detectors import SphereFarField
 from nsq_gpu.export.values import Json, coordinate_system, number, numbers, refuse, refuse_type
 
@@ -38,7 +39,19 @@ def _detector(name: str, live: Any) -> Json:
     if kind is None:
         raise refuse_type(place, "it", live, "an irradiance, spectral, far-field or ray-database detector of Optiland")
     return {"type": kind[0], "name": name, "cs": coordinate_system(live.cs, place), **kind[1](live, place),
-            "absorb": bool(live.absorb)}
+            "absorb": bool(live.absorb), **_color(kind[0], live, place)}
+
+
+def _color(kind: str, live: Any, place: str) -> Json:
+    """Return whether it sees colour: a live detector has it as an attribute, for which Optiland has no field."""
+    color = getattr(live, KEY, None)
+    if color is None:
+        return {}
+    if kind not in UNITS:
+        raise refuse(f"{place}: {KEY}", f"{color!r} of a detector of the kind {kind}", "irradiance and far-field detectors see colour")
+    if color != SPACE:
+        raise refuse(f"{place}: {KEY}", f"{color!r} is unknown", f"give {SPACE!r}")
+    return {KEY: color}
 
 
 def _rectangle(live: Any, place: str) -> Json:

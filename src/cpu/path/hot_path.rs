@@ -238,7 +238,12 @@ fn ends(ir: &SceneIr, primitive: usize) -> bool {
 fn sources_box(ir: &SceneIr, centre: DVec3) -> Option<Aabb> {
     let of = |source: &Source| {
         let frame = source.frame.relative_to(centre);
-        tree::bounds(&frame, &Shape::Plane(source.kind.births()), &[], 0.0)
+        let at = |height: f64| {
+            let frame = Frame { origin: frame.origin + height * frame.rotation.z_axis, ..frame };
+            tree::bounds(&frame, &Shape::Plane(source.kind.births()), &[], 0.0)
+        };
+        let [low, high] = source.kind.heights();
+        Some(at(low)?.union(&at(high)?))
     };
     let boxes: Option<Vec<Aabb>> = ir.sources.iter().map(of).collect();
     boxes?.into_iter().reduce(|a, b| a.union(&b))

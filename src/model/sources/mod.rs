@@ -1,19 +1,21 @@
 //! Sources of rays: the list of them, and what each must say of itself.
 //!
 //! Each source stands in one file here, and its function in one file of shaders/sources/. docs/adding-a-kind.md says how
-//! to add one. Everything is said in the source's own frame: rays are born at z = 0 and go towards +z. Lengths are in mm,
+//! to add one. Everything is said in the source's own frame: rays are born at z = 0 and go towards +z, but for those of a file. Lengths are in mm,
 //! angles in rad.
 
 pub mod collimated;
 pub mod extended;
 pub mod point;
 pub mod pupil;
+pub mod rays;
 pub mod tabulated;
 
 pub use crate::model::sources::collimated::Collimated;
 pub use crate::model::sources::extended::Extended;
 pub use crate::model::sources::point::Point;
 pub use crate::model::sources::pupil::{Aim, Pupil};
+pub use crate::model::sources::rays::Rays;
 pub use crate::model::sources::tabulated::Tabulated;
 
 use crate::Result;
@@ -37,6 +39,8 @@ kinds! {
     Pupil(pupil::Pupil) by Pupil = PUPIL;
     /// A lamp by a table of its intensity.
     Tabulated(tabulated::Tabulated) by Tabulated = TABULATED;
+    /// Rays of a file.
+    Rays(rays::Rays) by Rays = RAYS;
 }
 
 /// Makes what scene files have of a source: the keys of all sources around its own.
@@ -113,6 +117,11 @@ pub trait Emission: std::fmt::Debug {
 
     /// Where rays are born; of a point, a disk without an extent.
     fn births(&self) -> Outline;
+
+    /// The lowest and the highest place along the axis where rays are born \[mm\].
+    fn heights(&self) -> [f64; 2] {
+        [0.0; 2]
+    }
 
     /// The largest angle between a ray and the axis \[rad\].
     fn half_angle(&self) -> f64;

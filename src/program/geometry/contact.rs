@@ -697,13 +697,23 @@ impl Births {
         };
         let signs = [DVec2::new(-1.0, -1.0), DVec2::new(1.0, -1.0), DVec2::new(-1.0, 1.0), DVec2::ONE];
         let is_point = half == DVec2::ZERO;
-        let corners = signs.into_iter().filter(|_| !is_point).map(|sign| (sign * half).extend(0.0));
+        let [bottom, top] = source.kind.heights();
+        let heights = if bottom < top { vec![bottom, top] } else { vec![0.0] };
+        let corners = signs.into_iter().filter(|_| !is_point).map(|sign| sign * half);
+        let corners = corners.flat_map(|corner| heights.iter().map(move |height| corner.extend(*height)));
         let points: Vec<DVec3> =
             std::iter::once(DVec3::ZERO).chain(corners).map(|p| frame.rotation * p + frame.origin).collect();
         let low = points.iter().copied().fold(DVec3::INFINITY, DVec3::min);
         let high = points.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
         let size = low.abs().max(high.abs()).max_element();
-        Births { points, middle: frame.origin, reach: half.length(), low, high, size }
+        Births {
+            points,
+            middle: frame.origin,
+            reach: half.length().hypot(top.abs().max(bottom.abs())),
+            low,
+            high,
+            size,
+        }
     }
 }
 
