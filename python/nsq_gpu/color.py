@@ -28,6 +28,7 @@ ColorOf = bool | Iterable[str] | None
 KEY, SPACE = "color", "xyz"
 #: Kinds of detectors that can see colour, and the unit of their X, Y and Z.
 UNITS = {"irradiance": "lx", "far_field": "cd"}
+WHO = "irradiance and far-field detectors see colour"
 #: Names of X, Y and Z, and of the pairs of which covariances are known.
 PARTS, PAIRS = ("X", "Y", "Z"), ("XY", "XZ", "YZ")
 #: A pixel that fewer rays hit has no error of its colour: a single ray has one colour, whatever the others have.
@@ -86,7 +87,7 @@ def colored(exported: ExportedScene, color: ColorOf) -> ExportedScene:
         if name not in kinds:
             raise UsageError(f"color names the detector {name!r}, which the scene has not; {near(name, able)}")
         if name not in able:
-            raise UsageError(f"color names {name!r}, which is of the kind {kinds[name]}; irradiance and far-field detectors see colour")
+            raise UsageError(f"color names {name!r}, which is of the kind {kinds[name]}; {WHO}")
     seeing = [{**{key: value for key, value in entry.items() if key != KEY}, **({KEY: SPACE} if entry["name"] in names else {})}
               for entry in entries]
     return replace(exported, document={**exported.document, "detectors": seeing})
@@ -155,7 +156,8 @@ class Color:
         """Return the chromaticity of each pixel, or of all light, with standard errors to first order.
 
         Args:
-            whole: True returns that of all light, as the report has it.
+            whole: True returns that of all light, as the report has it. Its errors take the light of each source to have the
+                spectrum with which it was launched, which is wrong behind prisms and colour filters. Errors of pixels are not.
 
         Raises:
             UsageError: The detector saw no colour.
@@ -181,7 +183,7 @@ class Color:
         A map of 256 x 256 pixels takes about a minute.
 
         Args:
-            whole: True returns that of all light.
+            whole: True returns that of all light, with errors as those of ``chromaticity(whole=True)``.
 
         Raises:
             UsageError: The detector saw no colour.
@@ -325,7 +327,7 @@ class Color:
 
     def _known(self) -> np.ndarray:
         if self.xyz is None and self._kind not in UNITS:
-            raise UsageError(f"{self._name!r} is of the kind {self._kind}; irradiance and far-field detectors see colour")
+            raise UsageError(f"{self._name!r} is of the kind {self._kind}; {WHO}")
         if self.xyz is None:
             raise UsageError(f"the colour of {self._name!r} is not known; trace with color=True, or color=[{self._name!r}]")
         return self.xyz
@@ -393,7 +395,10 @@ def _covariance_of(known: Chromaticity) -> np.ndarray:
 
 
 def _temperatures(uv: np.ndarray, differentiated: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return colour temperature and Duv of u and v (..., 2) of CIE 1960, and their derivatives (..., 2, 2); NaN where there is none."""
+    """Return colour temperature and Duv of u and v (..., 2) of CIE 1960, and their derivatives (..., 2, 2).
+
+    Of what is no white, all are NaN.
+    """
     try:
         from colour.temperature import uv_to_CCT_Ohno2013
     except ImportError:

@@ -103,10 +103,10 @@ def of_result(result: Result) -> Any:
 def _add_colors(variables: dict[str, Any], coordinates: dict[str, Any], plain: str, axes: list[str], detector: Any,
                 unit: str) -> None:
     """Add X, Y and Z of a detector, their errors and covariances, where they are known."""
-    for key, axis, names, of in (("xyz", "tristimulus", color.PARTS, unit), ("xyz_standard_error", "tristimulus", color.PARTS, unit),
-                                 ("xyz_covariance", "pair", color.PAIRS, f"{unit}^2")):
+    for key, axis, of in (("xyz", "tristimulus", unit), ("xyz_standard_error", "tristimulus", unit),
+                          ("xyz_covariance", "pair", f"{unit}^2")):
         if (values := getattr(detector, key)) is not None:
-            coordinates[f"{plain}_{axis}"] = list(names)
+            coordinates[f"{plain}_{axis}"] = list(color.PAIRS if axis == "pair" else color.PARTS)
             variables[f"{plain}_{key}"] = ([f"{plain}_{axis}", *axes], values, {"units": of})
 
 

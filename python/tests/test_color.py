@@ -26,7 +26,8 @@ from optiland.nonsequential.sources.base import Spectrum
 from optiland.nonsequential.sources.configs import CollimatedSourceConfig, PointSourceConfig
 
 import nsq_gpu
-from nsq_gpu.color import Chromaticity, Color, _chromaticities, _covariance_of
+import nsq_gpu.cluster
+from nsq_gpu.color import WHO, Chromaticity, Color, _chromaticities, _covariance_of
 from nsq_gpu.detectors import SphereFarField
 from nsq_gpu.export import export
 from nsq_gpu.photometry import PEAK
@@ -395,7 +396,7 @@ def test_the_exporter_writes_what_sees_colour(tmp_path: Path) -> None:
 def test_a_detector_of_a_sphere_sees_colour(tmp_path: Path) -> None:
     scene = lamp()
     scene.remove_detector("sky")
-    scene.detector_registry.add("sky", SphereFarField(cs(), num_bins_theta=12, num_bins_phi=4))
+    scene.detector_registry.add("sky", SphereFarField(cs(z=101.0), num_bins_theta=12, num_bins_phi=4))
     scene.detector_registry.get("sky").color = "xyz"
     nsq_gpu.export_scene(scene, tmp_path / "scene.json")
     again = nsq_gpu.load_scene(tmp_path / "scene.json")
@@ -456,7 +457,7 @@ def test_colour_that_is_not_known_is_refused_with_what_to_do(plain: nsq_gpu.Resu
     scene = lamp()
     scene.add_detector("rays", cs(z=200.0), RayDatabaseConfig(1.0, 1.0))
     rays = scene.trace(100, backend=live.backend(color=True)).detectors["rays"]
-    with pytest.raises(nsq_gpu.UsageError, match="'rays' is of the kind ray_database; irradiance and far-field detectors see colour"):
+    with pytest.raises(nsq_gpu.UsageError, match=f"'rays' is of the kind ray_database; {WHO}"):
         rays.chromaticity()
 
 
@@ -516,6 +517,19 @@ def test_merged_and_resumed_results_keep_colour(tmp_path: Path) -> None:
             assert np.array_equal(seen.xyz, whole[name].xyz) and np.array_equal(seen.xyz_covariance, whole[name].xyz_covariance)
             assert vars(seen.chromaticity(whole=True)).keys() == vars(whole[name].chromaticity(whole=True)).keys()
             assert seen.chromaticity(whole=True).x == whole[name].chromaticity(whole=True).x
+
+
+def test_a_cluster_keeps_colour() -> None:
+    pytest.importorskip("distributed", reason="Dask is not installed")
+    from tests.test_cluster import distributed, local_cluster
+
+    with session() as one:
+        expected = one.trace(lamp(), 4000, color=["sky"], standard_error=True, strict="on").detectors
+    with local_cluster(1) as local, distributed.Client(local) as client:
+        found = nsq_gpu.cluster.trace(lamp(), 4000, client, 2, precision="f64", binary=live.binary(), color=["sky"],
+                                      standard_error=True).detectors
+    assert np.array_equal(found["sky"].xyz, expected["sky"].xyz) and found["wall"].xyz is None
+    assert np.array_equal(found["sky"].xyz_covariance, expected["sky"].xyz_covariance)
 
 
 def test_a_long_trace_has_the_same_colour_and_watts(result: nsq_gpu.Result, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,6 +20,7 @@ mod pictures;
 mod progress;
 mod pst;
 mod quantity;
+mod rays_out;
 mod schema;
 mod serve;
 mod shader;

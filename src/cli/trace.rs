@@ -5,6 +5,7 @@ use crate::cli::device_args::DeviceArgs;
 use crate::cli::pictures::PictureArgs;
 use crate::cli::progress::{self, Mode};
 use crate::cli::quantity;
+use crate::cli::rays_out::RaysOut;
 use crate::cli::stops::{end_with_caller, stop_on_interrupt};
 use crate::cli::trace_args::{PathsArg, PhotometricArg, StandardErrorArg, TraceArgs, write_guide};
 use crate::count;
@@ -70,6 +71,10 @@ pub struct Args {
     /// Write report.json and, per detector, NAME.npz and NAME.png into this folder.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
+    /// Write the rays of the scene's ray database as an IES TM-25 file, which a source of another scene may name. A file that
+    /// exists is kept, and refused before the first ray.
+    #[arg(long, value_name = "FILE", conflicts_with = "gradient")]
+    rays_out: Option<PathBuf>,
     #[command(flatten)]
     pictures: PictureArgs,
     /// Time the stages on the device. The times go to stderr and into the report's diagnostics. The trace becomes
@@ -153,6 +158,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         return Err(Error::Usage("--proof is kept with the sums; give -o DIR, or --checkpoint FILE".into()));
     }
     let guide_file = args.trace.guide_file(&args.scene)?;
+    let rays_out = args.rays_out.as_ref().map(|path| RaysOut::new(path, &ir, &args.scene)).transpose()?;
     let stop = stop_on_interrupt()?;
     if let Some(path) = &args.resume {
         run = run.resume(path)?;
@@ -161,7 +167,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     // The sums of a part have its rows, so that other parts can be added.
     let is_part = args.trace.first_ray.is_some() || args.trace.of_rays.is_some();
     let rows = match &args.output {
-        _ if is_part => RowStorage::Sums,
+        _ if is_part || (rays_out.is_some() && args.output.is_none()) => RowStorage::Sums,
         Some(dir) => RowStorage::Disk(dir.clone()),
         None => RowStorage::Counted,
     };
@@ -191,6 +197,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     result.run.stage_times.iter().for_each(|time| say(&profile_line(time, result.run.trace_time_sec)));
     let printed = Printed { json: args.json, pictures };
     let printed = deliver(result, || outcome.sums().map(Some), args.output.as_deref(), printed)?;
+    let unwritten = rays_out.and_then(|out| out.write(result).err()).or(unwritten);
     let unsaved = match &outcome.saved {
         Saved::Failed(error) => Some(error.clone()),
         Saved::NoFile | Saved::Written | Saved::Kept(_) => None,

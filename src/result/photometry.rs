@@ -76,17 +76,47 @@ pub(crate) fn table(result: &TraceResult) -> String {
     table
 }
 
-/// The mean of a function of the wavelength to a power over the light of a source.
-fn mean_over(ir: &SceneIr, source: &Source, function: &dyn Fn(f64) -> f64, power: i32) -> f64 {
+/// The places of a source's wavelengths in the scene, and their shares of its light.
+fn shares(source: &Source) -> impl Iterator<Item = (usize, f64)> {
     let below = std::iter::once(&0.0).chain(&source.spectrum.cdf);
     let shares = source.spectrum.cdf.iter().zip(below).map(|(cdf, below)| cdf - below);
-    let values = source.spectrum.wavelengths.iter().map(|&place| function(ir.wavelengths[place]));
-    shares.zip(values).map(|(share, value)| share * value.powi(power)).sum()
+    source.spectrum.wavelengths.iter().copied().zip(shares)
+}
+
+/// The mean of a function of the wavelength to a power over what a detector gets of a source: of each wavelength the share
+/// `through`, whichever source it is of.
+fn mean_over(
+    ir: &SceneIr,
+    source: &Source,
+    through: &[f64],
+    function: &dyn Fn(f64) -> f64,
+    power: i32,
+) -> f64 {
+    let received = || shares(source).map(|(place, share)| (place, share * through[place]));
+    let all: f64 = received().map(|(_, share)| share).sum();
+    let sum: f64 = received().map(|(place, share)| share * function(ir.wavelengths[place]).powi(power)).sum();
+    if all > 0.0 { sum / all } else { 0.0 }
+}
+
+/// The share of the light of each wavelength that a detector gets, up to a factor of all.
+fn received(ir: &SceneIr, apart: &Apart, quanta: &[u128]) -> Vec<f64> {
+    let mut launched = vec![0.0; ir.wavelengths.len()];
+    for source in &ir.sources {
+        shares(source).for_each(|(place, share)| launched[place] += share * source.total_flux);
+    }
+    let mut seen = vec![0.0; ir.wavelengths.len()];
+    let cells = apart.of.num_cells() * ir.wavelengths.len();
+    for (cell, quanta) in quanta.iter().take(cells).enumerate() {
+        seen[apart.place_of(cell).1] += *quanta as f64;
+    }
+    let share = |(seen, launched): (f64, f64)| if launched > 0.0 { seen / launched } else { 0.0 };
+    seen.into_iter().zip(launched).map(share).collect()
 }
 
 /// What each source gives, in photometric units, where all of them together give `total_flux` \[W\] of what they emit.
 pub(crate) fn of_source(ir: &SceneIr, source: &Source) -> LuminousSource {
-    let efficacy = MOST_EFFICACY * mean_over(ir, source, &luminous_efficiency, 1);
+    let efficacy =
+        MOST_EFFICACY * mean_over(ir, source, &vec![1.0; ir.wavelengths.len()], &luminous_efficiency, 1);
     LuminousSource { flux_lm: source.total_flux * efficacy, efficacy }
 }
 
@@ -110,10 +140,11 @@ pub(crate) fn of_detectors(
             _ => return Ok(None),
         };
         let is_intensity = as_written.kind.grid().is_none();
+        let through = received(ir, apart, &tally.detectors[number].quanta);
         let seen = |function: &dyn Fn(f64) -> f64| -> Result<Option<Weighted>> {
             let weights: Vec<f64> = ir.wavelengths.iter().map(|&wavelength| function(wavelength)).collect();
             let mut cells = weighted(apart, &tally.detectors[number], Some(&weights));
-            cells.totals = totals(ir, &cells.totals, function);
+            cells.totals = totals(ir, &cells.totals, &through, function);
             let seen = Detector::of_part(plain, sums, unit.times(MOST_EFFICACY), as_written, &cells)?;
             Ok(seen.data.result().map().map(|map| {
                 let scale = if is_intensity { 1.0 } else { LUX };
@@ -146,12 +177,12 @@ pub(crate) fn of_detectors(
     (0..ir.detectors.len()).map(of).collect()
 }
 
-/// Moments of each source's light by a function of the wavelength, of which the spectrum is taken to be that of the source.
-fn totals(ir: &SceneIr, totals: &[Moments], function: &dyn Fn(f64) -> f64) -> Vec<Moments> {
+/// Moments of each source's light by a function of the wavelength. Each wavelength takes part by what the detector gets of it.
+fn totals(ir: &SceneIr, totals: &[Moments], through: &[f64], function: &dyn Fn(f64) -> f64) -> Vec<Moments> {
     let scaled = |quanta: u128, factor: f64| (quanta as f64 * factor).ceil() as u128;
     let of_source = |(moments, source): (&Moments, &Source)| Moments {
-        quanta: scaled(moments.quanta, mean_over(ir, source, function, 1)),
-        squares: scaled(moments.squares, mean_over(ir, source, function, 2)),
+        quanta: scaled(moments.quanta, mean_over(ir, source, through, function, 1)),
+        squares: scaled(moments.squares, mean_over(ir, source, through, function, 2)),
     };
     totals.iter().zip(&ir.sources).map(of_source).collect()
 }

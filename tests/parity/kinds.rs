@@ -67,6 +67,7 @@ pub fn of_source(source: &Source) -> &'static str {
         }
         SourceKind::Pupil(_) => "pupil",
         SourceKind::Tabulated(_) => "lamp",
+        SourceKind::Rays(_) => "rays of a file",
     }
 }
 

@@ -14,6 +14,7 @@ use nsq_gpu::model::scatter_sampling::{Target, TargetShape};
 use nsq_gpu::model::shapes::aperture::{ApertureOutline, Axes};
 use nsq_gpu::model::shapes::freeform::Polynomial;
 use nsq_gpu::model::shapes::{Biconic, Freeform, SagSurface, Toroidal};
+use nsq_gpu::model::sources::rays::{RayGroup, RaySet};
 use nsq_gpu::model::sources::{self, Aim};
 use nsq_gpu::model::{
     Annulus, Aperture, AsphereProfile, Bsdf, BsdfKind, BsdfTable, ClippedConic, Coating, CoatingRow,
@@ -160,7 +161,8 @@ fn source_after(name: SourceFunction) -> Option<SourceFunction> {
         SourceFunction::ExtendedRectangle => Some(SourceFunction::ExtendedDisk),
         SourceFunction::ExtendedDisk => Some(SourceFunction::Pupil),
         SourceFunction::Pupil => Some(SourceFunction::Tabulated),
-        SourceFunction::Tabulated => None,
+        SourceFunction::Tabulated => Some(SourceFunction::Rays),
+        SourceFunction::Rays => None,
     }
 }
 
@@ -840,6 +842,16 @@ pub fn source_of(name: SourceFunction) -> SourceKind {
                 rows: vec![row.clone(), row],
             };
             SourceKind::Tabulated(sources::Tabulated { area: rectangle, table: Arc::new(table) })
+        }
+        SourceFunction::Rays => {
+            let group = RayGroup {
+                wavelength: None,
+                positions: vec![[0.5, 0.0, 1.0], [0.0; 3]],
+                directions: vec![[0.0, 0.0, 1.0], [0.6, 0.0, 0.8]],
+                shares: vec![0.5, 0.25],
+            };
+            let set = RaySet { sha256: "0".into(), scale: 1.0, groups: vec![group] };
+            SourceKind::Rays(sources::Rays { set: set.into() })
         }
         SourceFunction::Pupil => SourceKind::Pupil(Pupil {
             beam_radii: [1.0, 2.0],

@@ -14,7 +14,7 @@ from optiland.nonsequential.detectors.ray_database import RayDatabaseDetector
 from optiland.nonsequential.detectors.spectral import SpectralDetector
 from optiland.nonsequential.scene import NSQScene
 
-from nsq_gpu.color import KEY, SPACE, UNITS
+from nsq_gpu.color import KEY, SPACE, UNITS, WHO
 from nsq_gpu.detectors import SphereFarField
 from nsq_gpu.export.values import Json, coordinate_system, number, numbers, refuse, refuse_type
 
@@ -48,7 +48,7 @@ def _color(kind: str, live: Any, place: str) -> Json:
     if color is None:
         return {}
     if kind not in UNITS:
-        raise refuse(f"{place}: {KEY}", f"{color!r} of a detector of the kind {kind}", "irradiance and far-field detectors see colour")
+        raise refuse(f"{place}: {KEY}", f"{color!r} of a detector of the kind {kind}", WHO)
     if color != SPACE:
         raise refuse(f"{place}: {KEY}", f"{color!r} is unknown", f"give {SPACE!r}")
     return {KEY: color}

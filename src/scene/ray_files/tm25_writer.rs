@@ -52,7 +52,7 @@ impl<W: Write + Seek> Tm25Writer<W> {
         let range = match &labels.wavelengths {
             Wavelengths::Spectrum(pairs) => [pairs.first(), pairs.last()]
                 .map(|pair| pair.map_or(f32::NAN, |&(wavelength, _)| (wavelength / NANOMETRE) as f32)),
-            _ => [f32::NAN; 2],
+            Wavelengths::None | Wavelengths::One(_) | Wavelengths::PerRay => [f32::NAN; 2],
         };
         let writer = BufWriter::with_capacity(1 << 16, writer);
         let mut file = Tm25Writer { writer, labels, num_rays: 0, flux: Sum::default(), range };

@@ -1,7 +1,7 @@
 //! A table as a file has it, before its symmetry is unfolded.
 
 use crate::model::bsdfs::measured::hemisphere::within_hemisphere;
-use crate::model::bsdfs::measured::{MeasuredRow, MeasuredTable};
+use crate::model::bsdfs::measured::table::{MeasuredRow, MeasuredTable};
 use crate::model::place::quoted;
 use crate::model::{PolarTable, checks};
 use crate::{Error, Result};

@@ -8,15 +8,16 @@
 mod csv;
 mod grid;
 mod hemisphere;
+mod table;
 mod zemax;
 
 use crate::model::bsdfs::measured::grid::{Grid, ScatterType};
-use crate::model::bsdfs::measured::hemisphere::within_hemisphere;
+pub use crate::model::bsdfs::measured::table::{MeasuredRow, MeasuredTable};
 use crate::model::bsdfs::{
     Bsdf, BsdfContext, BsdfKind, BsdfWgsl, Labelled, Scattering, WrittenBsdf, other_side,
 };
 use crate::model::place::{key_of, quoted};
-use crate::model::{Interaction, PolarTable, whole_files};
+use crate::model::{Interaction, whole_files};
 use crate::shaders::shader;
 use crate::{Error, Result};
 use schemars::JsonSchema;
@@ -45,38 +46,6 @@ pub struct Measured {
     pub table: Arc<MeasuredTable>,
     /// What the values are multiplied by.
     pub level: f64,
-}
-
-/// Values of a BSDF about the specular direction.
-#[derive(Debug, Clone, PartialEq)]
-pub struct MeasuredTable {
-    /// True of a BTDF: the specular direction is the straight one.
-    pub transmits: bool,
-    /// By angle of incidence.
-    pub rows: Vec<MeasuredRow>,
-}
-
-/// What was measured at one angle of incidence.
-#[derive(Debug, Clone, PartialEq)]
-pub struct MeasuredRow {
-    /// The angle of incidence \[deg\].
-    pub incidence_deg: f64,
-    /// The BSDF about the specular direction \[1/sr\].
-    pub values: PolarTable,
-    /// The share of the light that scatters: the integral of the BSDF times the cosine over the hemisphere.
-    pub scattered: f64,
-}
-
-impl MeasuredRow {
-    /// `tis` is the share that the file states.
-    fn new(incidence_deg: f64, mut values: PolarTable, tis: Option<f64>) -> Self {
-        let own = within_hemisphere(&values, incidence_deg);
-        let scattered = tis.unwrap_or(own);
-        if own > 0.0 {
-            values.rows.iter_mut().flatten().for_each(|value| *value *= scattered / own);
-        }
-        MeasuredRow { incidence_deg, values, scattered }
-    }
 }
 
 /// A table in a scene file: from a file, or inline.
@@ -173,58 +142,6 @@ fn from_file(place: &str, path: &str, folder: &Path) -> Result<Grid> {
     let grid = parse(place, &whole_files::text(&bytes))?;
     grid.check(&|key| format!("{place}, {key}"))?;
     Ok(grid)
-}
-
-impl MeasuredTable {
-    /// The table of shaders/bsdfs/measured.wgsl: angles of incidence \[deg\]; for each the light of its row over all directions,
-    /// which no cosine lessens, and where its [`PolarTable::numbers`] begin. There are two rows at least.
-    fn numbers(&self, level: f64) -> Vec<f64> {
-        /// Any angle beyond the only one of a table.
-        const BEYOND: f64 = 1.0;
-        let mut rows: Vec<(f64, &PolarTable)> =
-            self.rows.iter().map(|row| (row.incidence_deg, &row.values)).collect();
-        if let [(only, values)] = rows[..] {
-            rows.push((only + BEYOND, values));
-        }
-        let mut numbers: Vec<f64> = rows.iter().map(|(angle, _)| *angle).collect();
-        let mut start = 3 * rows.len();
-        let mut tables: Vec<f64> = Vec::new();
-        for (_, values) in &rows {
-            let light = values.flux();
-            numbers.extend([level * light, start as f64]);
-            // Nothing is drawn from a dark row.
-            if light > 0.0 {
-                let table = values.numbers();
-                start += table.len();
-                tables.extend(table);
-            }
-        }
-        numbers.extend(tables);
-        numbers
-    }
-
-    /// What the user should know: angles of incidence that were not measured, and rows that give more light than they get.
-    fn warnings(&self, name: &str) -> Vec<String> {
-        /// Measured tables exceed 1 by their own errors.
-        const TOLERANCE: f64 = 1e-3;
-        let name = quoted(name);
-        let mut warnings = Vec::new();
-        let (first, last) = (self.rows[0].incidence_deg, self.rows[self.rows.len() - 1].incidence_deg);
-        if self.rows.len() > 1 && (first > 0.0 || last < 90.0) {
-            warnings.push(format!(
-                "the BSDF of {name} was measured at angles of incidence from {first} to {last} degrees; beyond them the nearest \
-                 one counts"
-            ));
-        }
-        let brightest = self.rows.iter().max_by(|a, b| a.scattered.total_cmp(&b.scattered));
-        if let Some(row) = brightest.filter(|row| row.scattered > 1.0 + TOLERANCE) {
-            warnings.push(format!(
-                "the BSDF of {name} scatters {:.4} times what it gets at an incidence of {} degrees",
-                row.scattered, row.incidence_deg
-            ));
-        }
-        warnings
-    }
 }
 
 impl Scattering for Measured {

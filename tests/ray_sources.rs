@@ -1,0 +1,217 @@
+//! Rays of files as sources: what a trace launches is what the file holds, and what a trace records another one goes on with.
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "clippy's exemption of tests does not reach their helpers"
+)]
+
+mod command;
+mod zoo;
+
+use command::{run, stderr};
+use nsq_gpu::model::SceneIr;
+use nsq_gpu::program::Precision;
+use nsq_gpu::result::DetectorData;
+use nsq_gpu::scene::ray_files::{FluxKind, Ray, RayFile, Tm25Labels, Tm25Writer, Wavelengths};
+use nsq_gpu::{Scene, TraceOptions, TraceResult};
+use serde_json::{Value, json};
+use std::f64::consts::PI;
+use std::fs::File;
+use std::path::Path;
+
+/// Rays from a dome of 2 mm, two wavelengths, with uneven fluxes and directions that lean to +x.
+fn dome(num_rays: u32) -> Vec<Ray> {
+    let mut state = 7_u64;
+    let mut next = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1_u64 << 53) as f64
+    };
+    (0..num_rays)
+        .map(|i| {
+            let (cosine, turn) = (next(), 2.0 * PI * next());
+            let sine = (1.0 - cosine * cosine).sqrt();
+            let place = [sine * turn.cos(), sine * turn.sin(), cosine];
+            let lean = [place[0] + 0.3, place[1], place[2] + 0.4];
+            let length = lean.iter().map(|x| x * x).sum::<f64>().sqrt();
+            // As f32, which the file holds.
+            let rounded = |x: f64| f64::from(x as f32);
+            Ray {
+                position: place.map(|x| rounded(2.0 * x)),
+                direction: lean.map(|x| rounded(x / length)),
+                flux: rounded(if i % 7 == 0 { 8.0 } else { next() }),
+                wavelength: Some(if i % 3 == 0 { 0.45 } else { 0.6 }),
+            }
+        })
+        .collect()
+}
+
+fn write(path: &Path, rays: &[Ray], wavelengths: Wavelengths) {
+    let labels = Tm25Labels {
+        flux_kind: FluxKind::Radiant,
+        wavelengths,
+        name: "dome".into(),
+        software: "test".into(),
+        date: String::new(),
+    };
+    let mut file = Tm25Writer::new(File::create(path).unwrap(), labels).unwrap();
+    rays.iter().for_each(|ray| file.push(ray).unwrap());
+    file.finish().unwrap();
+}
+
+fn scene(source: &Value, detectors: &Value) -> Value {
+    let mut lamp = json!({"type": "rays", "name": "dome", "cs": {},
+        "spectrum": {"wavelengths": [0.45, 0.6], "weights": [1.0, 1.0]}});
+    for (key, value) in source.as_object().unwrap() {
+        lamp[key] = value.clone();
+    }
+    json!({"nsq_schema_version": 1, "components": [], "sources": [lamp], "detectors": detectors})
+}
+
+fn read(folder: &Path, scene: &Value) -> nsq_gpu::Result<Scene> {
+    let path = folder.join("scene.json");
+    std::fs::write(&path, scene.to_string()).unwrap();
+    Scene::from_path(&path)
+}
+
+fn lowered(folder: &Path, scene: &Value) -> SceneIr {
+    read(folder, scene).unwrap().lower().unwrap()
+}
+
+fn traced(ir: &SceneIr, num_rays: u64, precision: Precision) -> TraceResult {
+    zoo::result(ir, &TraceOptions { min_flux_fraction: 0.0, ..zoo::options(num_rays, 5, precision) })
+}
+
+/// Pixels on a screen above the dome get the light of those rays of the file that go there: by wavelength, in every tier.
+#[test]
+fn a_trace_launches_the_rays_of_the_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let rays = dome(5000);
+    write(&folder.path().join("dome.tm25ray"), &rays, Wavelengths::PerRay);
+    let screen = json!([{"type": "spectral", "name": "screen", "cs": {"z": 10.0}, "width": 30.0, "height": 30.0,
+        "num_pixels_x": 5, "num_pixels_y": 5, "num_bins": 2, "wavelength_range": [0.4, 0.65]}]);
+    let ir = lowered(folder.path(), &scene(&json!({"file": "dome.tm25ray", "scale": 2.0}), &screen));
+    let all: f64 = rays.iter().map(|ray| ray.flux).sum();
+    assert!((ir.emitted_flux() / all - 1.0).abs() < 1e-9, "{} of {all}", ir.emitted_flux());
+    let mut expected = [[[0.0; 2]; 5]; 5];
+    for ray in &rays {
+        let path = (10.0 - 2.0 * ray.position[2]) / ray.direction[2];
+        let [x, y] = [0, 1].map(|axis| 2.0 * ray.position[axis] + path * ray.direction[axis]);
+        let [i, j] = [x, y].map(|x| ((x + 15.0) / 6.0).floor());
+        if path > 0.0 && (0.0..5.0).contains(&i) && (0.0..5.0).contains(&j) {
+            expected[j as usize][i as usize][usize::from(ray.wavelength == Some(0.6))] += ray.flux / all;
+        }
+    }
+    let num_rays = 200_000;
+    for precision in [Precision::F32, Precision::Df64, Precision::F64] {
+        let tally = zoo::trace(&ir, &zoo::options(num_rays, 3, precision));
+        let launched = tally.launched.quanta as f64;
+        for (cell, quanta) in tally.detectors[0].quanta.iter().enumerate() {
+            // Bins of a pixel lie side by side.
+            let share = expected[cell / 10][cell / 2 % 5][cell % 2];
+            let sigma = (share * (1.0 - share) / num_rays as f64).sqrt();
+            let found = *quanta as f64 / launched;
+            // A ray on the edge of a pixel may fall to either side.
+            assert!(
+                (found - share).abs() < 4.5 * sigma + 2e-4,
+                "{precision:?}, {cell}: {found}, not {share} ± {sigma}"
+            );
+        }
+    }
+}
+
+/// A lamp, a lens; the rays behind the lens recorded; and the rest of the way from there, by both formats. It brings what the whole
+/// trace brings.
+#[test]
+fn a_chain_is_the_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let wall = json!({"type": "irradiance", "name": "wall", "cs": {"z": 300.0}, "width": 60.0, "height": 60.0, "num_pixels_x": 4,
+        "num_pixels_y": 4, "splat": "hard"});
+    let plane =
+        json!({"type": "ray_database", "name": "plane", "cs": {"z": 60.0}, "width": 100.0, "height": 100.0});
+    let first = |detectors: Value| {
+        json!({"nsq_schema_version": 1,
+            "components": [{"type": "lens", "name": "L", "cs": {"z": 40.0}, "config": {"r1": 40.0, "r2": -60.0, "thickness": 8.0,
+                "front_aperture_radius": 15.0, "material": {"type": "ideal", "n": 1.5}}}],
+            "sources": [{"type": "point", "name": "lamp", "cs": {}, "half_angle_deg": 20.0, "total_flux": 2.0,
+                "spectrum": {"wavelengths": [0.45, 0.6], "weights": [1.0, 2.0]}}],
+            "detectors": detectors})
+    };
+    let place = |name: &str| folder.path().join(name).display().to_string();
+    std::fs::write(place("first.json"), first(json!([plane])).to_string()).unwrap();
+    let out = run(&[
+        "trace",
+        &place("first.json"),
+        "-n",
+        "40000",
+        "-o",
+        &place("out"),
+        "--rays-out",
+        &place("plane.tm25ray"),
+    ]);
+    assert!(out.status.success(), "{}", stderr(&out));
+    // What is there stays.
+    let again = run(&["trace", &place("first.json"), "-n", "1000", "--rays-out", &place("plane.tm25ray")]);
+    assert!(!again.status.success() && stderr(&again).contains("exists"), "{}", stderr(&again));
+    let whole = traced(&lowered(folder.path(), &first(json!([wall]))), 400_000, Precision::F64);
+    let DetectorData::Irradiance(whole) = &whole.detectors[0].data else { panic!() };
+    for file in ["plane.tm25ray", "out/plane.npz"] {
+        let rest = scene(&json!({"file": file}), &json!([wall]));
+        let rest = traced(&lowered(folder.path(), &rest), 400_000, Precision::F64);
+        let DetectorData::Irradiance(rest) = &rest.detectors[0].data else { panic!() };
+        let pixel = 15.0 * 15.0;
+        for (found, expected) in rest.irradiance.iter().zip(&whole.irradiance) {
+            let share = expected * pixel / 2.0;
+            // The errors of 40,000 recorded rays, and of 400,000 rays twice.
+            let sigma = (share * (1.0 - share) * (1.0 / 40_000.0 + 2.0 / 400_000.0)).sqrt();
+            let off = (found - expected) * pixel / 2.0;
+            assert!(off.abs() < 4.5 * sigma + 1e-6, "{file}: {off} ± {sigma} of {share}");
+        }
+    }
+    let written = RayFile::open(&folder.path().join("plane.tm25ray")).unwrap();
+    assert_eq!(written.header().wavelengths, Wavelengths::PerRay);
+}
+
+#[test]
+fn what_cannot_be_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let rays = dome(50);
+    write(&folder.path().join("dome.tm25ray"), &rays, Wavelengths::PerRay);
+    let dark: Vec<Ray> = rays.iter().map(|ray| Ray { flux: 0.0, ..*ray }).collect();
+    write(&folder.path().join("dark.tm25ray"), &dark, Wavelengths::PerRay);
+    std::fs::write(folder.path().join("text.tm25ray"), "no rays").unwrap();
+    let mut bytes = std::fs::read(folder.path().join("dome.tm25ray")).unwrap();
+    // Half of the flux.
+    let total: f64 = rays.iter().map(|ray| ray.flux).sum();
+    let at = bytes.windows(4).position(|four| four == (total as f32).to_le_bytes()).unwrap();
+    bytes[at..at + 4].copy_from_slice(&(0.5 * total as f32).to_le_bytes());
+    std::fs::write(folder.path().join("half.tm25ray"), bytes).unwrap();
+    let screen = json!([{"type": "far_field", "name": "far", "cs": {"z": 10.0}}]);
+    let refused = |source: Value| {
+        let scene = scene(&source, &screen);
+        read(folder.path(), &scene).map(|_| ()).unwrap_err().to_string()
+    };
+    for (source, said) in [
+        (json!({"file": "nowhere.tm25ray"}), "there is no such file"),
+        (json!({"file": "text.tm25ray"}), "it does not begin with `TM25`"),
+        (json!({"file": "dark.tm25ray"}), "no rays with light"),
+        (json!({"file": "half.tm25ray"}), "say which of the two holds"),
+        (json!({"file": "dome.tm25ray", "order": "in_order"}), "unknown value \"in_order\""),
+        (json!({"file": "dome.tm25ray", "scale": 0.0}), "scale"),
+        (
+            json!({"file": "dome.tm25ray", "spectrum": {"wavelengths": [0.45], "weights": [1.0]}}),
+            "none within 25 nm",
+        ),
+    ] {
+        let error = refused(source.clone());
+        assert!(error.contains(said), "{source}: {error}");
+    }
+    // The scene's flux takes the place of the file's.
+    let ir = lowered(folder.path(), &scene(&json!({"file": "half.tm25ray", "total_flux": 3.0}), &screen));
+    assert!((ir.emitted_flux() - 3.0).abs() < 1e-12);
+    let shifted = scene(
+        &json!({"file": "dome.tm25ray", "spectrum": {"wavelengths": [0.46, 0.6], "weights": [1.0, 1.0]}}),
+        &screen,
+    );
+    let warnings = read(folder.path(), &shifted).unwrap().warnings;
+    assert!(warnings.iter().any(|warning| warning.contains("at most 10 nm off")), "{warnings:?}");
+}
