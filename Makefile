@@ -98,7 +98,7 @@ test-wheel: adapter wheel
 	NSQ_GPU_BINARY=$(BINARY) .venv-wheel/bin/python -m pytest -p no:cacheprovider tests/wheel
 
 notebooks: adapter .venv/installed
-	@cd python && NSQ_GPU_BINARY=$(BINARY) NSQ_GPU_NOTEBOOKS=$(abspath notebooks-out) $(PART) notebooks 90 \
+	@cd python && NSQ_GPU_BINARY=$(BINARY) NSQ_GPU_NOTEBOOKS=$(abspath notebooks-out) $(PART) notebooks 140 \
 		../.venv/bin/python -m pytest -q --durations=5 tests/test_notebooks.py
 	@echo "written: notebooks-out"
 

@@ -83,6 +83,7 @@ const OPTIONS: &[(&str, Handed)] = &[
     // A file that must be there.
     ("guide-from", Elsewhere),
     ("guide-to", Refused(&["--guide", "--guide-to=g.json"], "derivatives take rays that are not guided")),
+    ("rays-out", Refused(&["--rays-out=x.tm25ray"], "--rays-out")),
     ("figures", Refused(&["--figures"], "--figures")),
     ("photometric", Refused(&["--photometric"], "--photometric")),
     ("rr-start-flux", Changes(&["--rr-start-flux=0.99"])),

@@ -88,7 +88,7 @@ fn a_trace_launches_the_rays_of_the_file() {
     let rays = dome(5000);
     write(&folder.path().join("dome.tm25ray"), &rays, Wavelengths::PerRay);
     let screen = json!([{"type": "spectral", "name": "screen", "cs": {"z": 10.0}, "width": 30.0, "height": 30.0,
-        "num_pixels_x": 5, "num_pixels_y": 5, "num_bins": 2, "wavelength_range": [0.4, 0.65]}]);
+        "num_pixels_x": 5, "num_pixels_y": 5, "num_bins": 2, "wl_min": 0.4, "wl_max": 0.65}]);
     let ir = lowered(folder.path(), &scene(&json!({"file": "dome.tm25ray", "scale": 2.0}), &screen));
     let all: f64 = rays.iter().map(|ray| ray.flux).sum();
     assert!((ir.emitted_flux() / all - 1.0).abs() < 1e-9, "{} of {all}", ir.emitted_flux());
@@ -131,7 +131,7 @@ fn a_chain_is_the_whole() {
     let first = |detectors: Value| {
         json!({"nsq_schema_version": 1,
             "components": [{"type": "lens", "name": "L", "cs": {"z": 40.0}, "config": {"r1": 40.0, "r2": -60.0, "thickness": 8.0,
-                "front_aperture_radius": 15.0, "material": {"type": "ideal", "n": 1.5}}}],
+                "front_aperture_radius": 15.0, "material": "N-BK7"}}],
             "sources": [{"type": "point", "name": "lamp", "cs": {}, "half_angle_deg": 20.0, "total_flux": 2.0,
                 "spectrum": {"wavelengths": [0.45, 0.6], "weights": [1.0, 2.0]}}],
             "detectors": detectors})

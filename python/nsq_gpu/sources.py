@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,6 +30,14 @@ from nsq_gpu.process import answer
 INTENSITY_UNITS = ("relative", "W/sr", "cd")
 #: Largest difference of two fluxes that are one, by rounding, relative to them.
 _SAME_FLUX = 1e-12
+#: Endings of the names of ray files.
+RAY_FILES = (".tm25ray", ".dat", ".sdf", ".npz")
+#: Most rays of a file that the program holds.
+_MOST_RAYS = (1 << 20) - 1
+#: A ray's wavelength is put to the nearest one of the source's spectrum, if that is so near [um].
+_FARTHEST = 0.025
+#: Difference of a direction's length from 1 up to which it is taken for rounding.
+_UNIT_LENGTH = 1e-3
 
 
 class _NotCollimated:
@@ -287,6 +296,244 @@ class TabulatedSource(CollimatedSource):
         elif self.width is not None and self.height is not None:
             starts[:, 0], starts[:, 1] = (u1 - 0.5) * self.width, (u2 - 0.5) * self.height
         return _born(self, ray_id, self.spectrum.sample(ray_id, bounce, rng), starts, self._table.directions(u3, u4))
+
+
+@dataclass(frozen=True)
+class _RayGroup:
+    """Rays of one wavelength, or of all, with the rows of their shares (A. J. Walker's alias tables)."""
+
+    #: Wavelength [um]; None for rays of any wavelength.
+    wavelength: float | None
+    #: Start points [mm] and unit directions, shape (N, 3).
+    starts: np.ndarray
+    directions: np.ndarray
+    #: Of each row, the share of its draws that stay, and the row that has the others.
+    stays: np.ndarray
+    other: np.ndarray
+
+    def draw(self, u1: np.ndarray, u2: np.ndarray) -> np.ndarray:
+        """Return the numbers of the rays that these draws take, as the program's shader does."""
+        # A draw is a whole number over 2^32, and there are fewer rows than 2^20: the product is exact.
+        row = np.floor(u1 * len(self.stays)).astype(np.intp)
+        return np.where(u2 < self.stays[row], row, self.other[row])
+
+
+@dataclass(frozen=True)
+class _RaySet:
+    """The rays of a file by the wavelengths of a spectrum, the spectrum that they have, and their flux [W]."""
+
+    groups: tuple[_RayGroup, ...]
+    spectrum: Spectrum
+    flux: float
+
+
+class RaySource(CollimatedSource):
+    """The rays of a file: those that a maker measured of a lamp, or that another trace recorded.
+
+    A ray of the trace takes one of the file's, drawn by its share of the light, independently of the others. The program reads
+    IES TM-25 (.tm25ray), source files of Zemax OpticStudio (.dat, .sdf), and the columns of a ray database (.npz). Optiland's own
+    backends trace a ``.npz`` alone.
+
+    Rays that have wavelengths in the file take the nearest one of the spectrum, within 25 nm; the file then says how strong each
+    is. Where the file has none, they are drawn by the spectrum. The flux is the file's, unless one is given.
+
+    Scene files name the ray file by its absolute path: on a cluster it must lie there on every machine.
+
+    Args:
+        cs: Frame, in which the file has its rays.
+        spectrum: Wavelengths [um] and their weights.
+        file: The file.
+        scale: What lengths in the file are multiplied by.
+        total_flux: Flux [W] in the place of the file's.
+        total_flux_lumens: Flux [lm] in the place of the file's.
+        medium: Medium around the source; None is vacuum.
+
+    Raises:
+        UsageError: It is no ray file, or an argument makes no sense.
+    """
+
+    def __init__(self, cs: CoordinateSystem, spectrum: Spectrum, file: str | os.PathLike[str], *, scale: float = 1.0,
+                 total_flux: Any = None, total_flux_lumens: float | None = None, medium: NSQMaterial | None = None) -> None:
+        if not isinstance(file, str | os.PathLike) or Path(file).suffix.lower() not in RAY_FILES:
+            raise UsageError(f"file is {file!r}; give the path of a ray file, whose name ends with .tm25ray, .dat, .sdf or .npz")
+        #: The absolute path of the file.
+        self.file = os.path.abspath(file)
+        if not Path(self.file).is_file():
+            raise UsageError(f"file is {self.file!r}, and there is no such file; give the path of a ray file")
+        #: What lengths in the file are multiplied by.
+        self.scale = _above_zero("scale", scale)
+        if total_flux is not None and total_flux_lumens is not None:
+            raise UsageError("total_flux, total_flux_lumens: both are given; give one of them, or none for the flux of the file")
+        if total_flux is not None:
+            # A tensor stays one, for its gradient.
+            _above_zero("total_flux", total_flux.detach() if hasattr(total_flux, "detach") else total_flux)
+        self._held: tuple[Any, _RaySet] | None = None
+        # Optiland's tracers take sources of its own classes alone; how rays are born, they ask the source itself.
+        super().__init__(cs, spectrum, total_flux, medium=medium)
+        #: Flux in lumens, where it was given so [lm].
+        self.total_flux_lumens = None if total_flux_lumens is None else _above_zero("total_flux_lumens", total_flux_lumens)
+        self.aperture_radius = _NotCollimated("RaySource")  # type: ignore[assignment]
+        if self._is_read_here:
+            self._rays()
+
+    @classmethod
+    def from_file(cls, path: str | os.PathLike[str], *, cs: CoordinateSystem, spectrum: Spectrum, scale: float = 1.0,
+                  total_flux: Any = None, total_flux_lumens: float | None = None, medium: NSQMaterial | None = None) -> RaySource:
+        """Return the rays of a file; the class says what the arguments are.
+
+        >>> lamp = RaySource.from_file("led.tm25ray", cs=frame, spectrum=white, total_flux_lumens=120.0)
+
+        Raises:
+            UsageError: It is no ray file, or an argument makes no sense.
+        """
+        return cls(cs, spectrum, path, scale=scale, total_flux=total_flux, total_flux_lumens=total_flux_lumens, medium=medium)
+
+    @property
+    def total_flux(self) -> Any:
+        """Flux [W]: the one that is given, or that of the file. Who sets it takes the place of the file.
+
+        Raises:
+            UnsupportedSceneError: The file alone says it, and only the program reads the file.
+        """
+        if self.is_of_its_file:
+            return self._rays().flux
+        return self._flux if self.total_flux_lumens is None else watts(number_of(self.total_flux_lumens), self._rays().spectrum)
+
+    @total_flux.setter
+    def total_flux(self, value: Any) -> None:
+        self._flux, self.total_flux_lumens = value, None
+
+    @property
+    def is_of_its_file(self) -> bool:
+        """Whether the file alone says the flux."""
+        return self._flux is None and self.total_flux_lumens is None
+
+    @property
+    def _is_read_here(self) -> bool:
+        return Path(self.file).suffix.lower() == ".npz"
+
+    def generate(self, ray_id: np.ndarray, rng: NSQRng) -> NSQRayBundle:
+        """Return one ray an id, in the global frame.
+
+        Raises:
+            UnsupportedSceneError: Only the program reads the file.
+        """
+        rays = self._rays()
+        bounce = np.zeros(len(ray_id), dtype=np.int32)
+        u1, u2 = (rng.uniform(ray_id, bounce, slot) for slot in (EventSlot.SOURCE_U1, EventSlot.SOURCE_U2))
+        wavelength = rays.spectrum.sample(ray_id, bounce, rng)
+        starts, directions = np.zeros((len(ray_id), 3)), np.zeros((len(ray_id), 3))
+        for group in rays.groups:
+            own = np.full(len(ray_id), True) if group.wavelength is None else wavelength == group.wavelength
+            chosen = group.draw(u1[own], u2[own])
+            starts[own], directions[own] = group.starts[chosen], group.directions[chosen]
+        return _born(self, ray_id, wavelength, starts, directions)
+
+    def _rays(self) -> _RaySet:
+        """Return the rays of the file as the source now is; they are read again where the file has changed."""
+        if not self._is_read_here:
+            raise UnsupportedSceneError(f"{self.file}: Optiland's backends trace rays of .npz files alone; trace the scene by "
+                                        "NsqGpuBackend, which reads .tm25ray, .dat and .sdf as well")
+        try:
+            state = os.stat(self.file)
+        except OSError as error:
+            raise UsageError(f"{self.file}: {error.strerror}; give the path of a ray file") from None
+        listed, weights = (np.asarray(be.to_numpy(part), dtype=float) for part in (self.spectrum.wavelengths, self.spectrum.weights))
+        key = (self.file, state.st_mtime_ns, state.st_size, number_of(self.scale), listed.tobytes(), weights.tobytes())
+        if self._held is None or self._held[0] != key:
+            self._held = key, _grouped(self.file, key[3], self.spectrum, listed)
+        return self._held[1]
+
+
+def _grouped(path: str, scale: float, spectrum: Spectrum, listed: np.ndarray) -> _RaySet:
+    """Read a file, and put its rays to the wavelengths of the spectrum that are listed."""
+    starts, directions, shares, wavelength = _columns(path)
+    total, lit = math.fsum(shares), shares > 0.0
+    if not lit.any():
+        raise UsageError(f"{path}: the file has no rays with light; give a file with rays")
+    numbers = np.flatnonzero(lit)
+    starts, directions, shares = starts[lit] * scale, directions[lit], shares[lit]
+    if wavelength is None:
+        return _RaySet((_RayGroup(None, starts, directions, *_rows(shares)),), spectrum, total)
+    own = wavelength[lit]
+    nearest = np.zeros(len(own), dtype=np.intp)
+    apart = np.abs(listed[0] - own)
+    for i, line in enumerate(listed[1:], start=1):
+        nearer = np.abs(line - own) < apart
+        nearest[nearer], apart[nearer] = i, np.abs(line - own[nearer])
+    if (far := np.flatnonzero(apart > _FARTHEST)).size:
+        raise UsageError(f"{path}: ray {numbers[far[0]]} has a wavelength of {own[far[0]]:g} um, and the spectrum of the source has "
+                         f"none within {1e3 * _FARTHEST:g} nm; add wavelengths to the spectrum")
+    groups, weights = [], []
+    for i in np.unique(nearest):
+        chosen = nearest == i
+        groups.append(_RayGroup(float(listed[i]), starts[chosen], directions[chosen], *_rows(shares[chosen])))
+        weights.append(_sum(shares[chosen]))
+    lines = np.array([group.wavelength for group in groups])
+    return _RaySet(tuple(groups), Spectrum(lines, np.array(weights)), total)
+
+
+def _columns(path: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
+    """Return start points, unit directions, fluxes and wavelengths of a ray database's file, if it has them."""
+    names = ("x", "y", "z", "L", "M", "N", "flux", "wavelength")
+    try:
+        with zipfile.ZipFile(path) as archive:
+            packed = [member.filename for member in archive.infolist() if member.compress_type != zipfile.ZIP_STORED]
+        with np.load(path) as file:
+            found = {name: np.asarray(file[name]) for name in names if name in file.files}
+    except (OSError, ValueError, zipfile.BadZipFile) as error:
+        raise UsageError(f"{path}: {error}; give a ray database's file, as the program and numpy.savez write it") from None
+    for name in names[:-1]:
+        if name not in found:
+            raise UsageError(f"{path}: there is no column {name!r}; a ray file has the columns x, y, z, L, M, N, flux, and wavelength")
+    count = len(found["x"]) if found["x"].ndim else 0
+    if count > _MOST_RAYS:
+        raise UsageError(f"{path}: it has {count} rays, and at most {_MOST_RAYS} are held; give a smaller file")
+    if count == 0:
+        raise UsageError(f"{path}: the file has no rays with light; give a file with rays")
+    for name, column in found.items():
+        # The program reads columns where they lie in the file.
+        if f"{name}.npy" in packed or column.dtype != np.dtype("<f8") or column.shape != (count,):
+            raise UsageError(f"{path}: the column {name!r} is no uncompressed array of f8 of shape ({count},); write the columns by "
+                             "numpy.savez")
+    starts, directions = (np.stack([found[name] for name in part], axis=1) for part in (names[:3], names[3:6]))
+    length = np.sqrt((directions * directions)[:, 0] + (directions * directions)[:, 1] + (directions * directions)[:, 2])
+    wavelength = found.get("wavelength")
+    _refuse_rays(path, ~np.isfinite(starts).all(axis=1), "position", "give finite numbers")
+    # A NaN is not within.
+    _refuse_rays(path, ~(np.abs(length - 1.0) <= _UNIT_LENGTH), "direction", "give unit vectors, to within 0.001")
+    _refuse_rays(path, ~(np.isfinite(found["flux"]) & (found["flux"] >= 0.0)), "flux", "give finite numbers of 0 or more")
+    if wavelength is not None:
+        _refuse_rays(path, ~(np.isfinite(wavelength) & (wavelength > 0.0)), "wavelength", "give finite numbers above 0")
+    return starts, directions / length[:, None], found["flux"], wavelength
+
+
+def _refuse_rays(path: str, wrong: np.ndarray, what: str, remedy: str) -> None:
+    if wrong.any():
+        raise UsageError(f"{path}: the {what} of ray {np.flatnonzero(wrong)[0]} is none; {remedy}")
+
+
+def _sum(numbers: np.ndarray) -> float:
+    """Return the sum in order, as the program rounds it."""
+    return float(np.cumsum(numbers)[-1])
+
+
+def _rows(shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return Walker's rows, as Vose makes them: one row that has too little takes from one that has too much.
+
+    The order of the steps is the program's, so that its rows are the same to the last bit.
+    """
+    left = (shares / (_sum(shares) / len(shares))).tolist()
+    stays, other = [1.0] * len(left), list(range(len(left)))
+    small = [i for i, share in enumerate(left) if share < 1.0]
+    large = [i for i, share in enumerate(left) if not share < 1.0]
+    while small and large:
+        poor, rich = small.pop(), large[-1]
+        stays[poor], other[poor] = left[poor], rich
+        left[rich] -= 1.0 - left[poor]
+        if left[rich] < 1.0:
+            small.append(large.pop())
+    return np.array(stays), np.array(other, dtype=np.intp)
 
 
 def is_of_its_lumens(source: Any) -> bool:

@@ -37,7 +37,7 @@ from tests.test_export import WALKS, With, document, with_pupil
 
 #: Where a file says which variant it means.
 KEYS = ("type", "interaction", "splat", "profile", "reflect_prob", "outline", "zernike_type", "intensity_units",
-        "scatter_type")
+        "scatter_type", "order")
 #: Variants that people may write and the exporter does not: n and k of a live material are evaluated, and a live surface has
 #: a number.
 BY_HAND = {("Medium", "catalog"), ("Material", "catalog"), ("ScatterFraction", "tis")}

@@ -6,6 +6,7 @@ import dataclasses
 import inspect
 import json
 import subprocess
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -49,7 +50,7 @@ from nsq_gpu.export import export, to_json
 from nsq_gpu.export.surfaces import BSDFS, SHAPES
 from nsq_gpu.scene_file import scene_from_dict
 from nsq_gpu.shapes import Aperture, Biconic, Chebyshev, ClippedConic, EvenAsphere, OddAsphere, Polynomial, Toroidal, Zernike
-from nsq_gpu.sources import Aim, PupilSource
+from nsq_gpu.sources import Aim, PupilSource, RaySource
 from tests import live
 from tests.agreement import compare
 from tests.live import (
@@ -221,6 +222,22 @@ def with_pupil(**fields: Any) -> NSQScene:
     return scene
 
 
+def with_rays(**fields: Any) -> NSQScene:
+    scene = bench()
+    scene.add_lens("L", cs(), LensConfig(**{**LENS, "material": "N-BK7"}))
+    scene.source_registry.add("second", RaySource(**fields))
+    return scene
+
+
+def ray_file(seed: int) -> Path:
+    """Write a file of rays without wavelengths, which the spectrum of the source gives them."""
+    draw = np.random.default_rng(seed)
+    x, y, L, M = draw.uniform(-1.0, 1.0, (4, 20)) * np.array([2.0, 2.0, 0.2, 0.2])[:, None]
+    path = Path(RAY_FILES.name) / f"{seed}.npz"
+    np.savez(path, x=x, y=y, z=draw.uniform(-1.0, 0.0, 20), L=L, M=M, N=np.sqrt(1.0 - L**2 - M**2), flux=draw.uniform(0.0, 1.0, 20))
+    return path
+
+
 def with_bsdf(model: type, **fields: Any) -> NSQScene:
     return with_surface_config(interaction=InteractionType.REFLECTIVE, reflectance=0.9, bsdf=model(**fields))
 
@@ -229,6 +246,8 @@ def with_coating(**fields: Any) -> NSQScene:
     return with_surface_config(coating=SimpleCoating(**fields))
 
 
+#: Of the walk, until the tests end.
+RAY_FILES = tempfile.TemporaryDirectory(prefix="nsq-gpu-rays-")
 LENS: Json = {"r1": 60.0, "r2": -60.0, "thickness": 5.0, "material": glass(), "front_aperture_radius": 10.0}
 BLACK = SurfaceConfig(interaction=InteractionType.ABSORBING)
 SHINY = SurfaceConfig(interaction=InteractionType.REFLECTIVE, reflectance=0.5)
@@ -383,6 +402,9 @@ WALKS: dict[type, tuple[Build, Json, Json]] = {
         "beam_radii": (3.0, 1.0), "chief": (0.1, 0.0, 1.0), "pupil_radii": (0.1, 0.05), "medium": glass(1.3, 1e-5),
         "aimed": [Aim(float(line), x=[[0.5], [0.1, 0.3]], y=[[0.0, 0.2]], vector_x=[[0.0, 0.02]], vector_y=[[0.01], [line / 10.0]])
                   for line in SPECTRUM.wavelengths]}),
+    RaySource: (with_rays, {"cs": cs(x=1.0, z=-15.0, ry=0.1), "spectrum": SPECTRUM, "file": ray_file(1)}, {
+        "cs": cs(x=1.0, z=-16.0, ry=0.1), "spectrum": Spectrum(np.array([0.45]), np.array([1.0])), "file": ray_file(2), "scale": 2.0,
+        "total_flux": 2.0, "total_flux_lumens": 100.0, "medium": glass(1.3, 1e-5)}),
     AnnularPlaneGeometry: (lambda **fields: with_surface(AnnularPlaneGeometry, **fields), {
         "inner_radius": 3.0, "outer_radius": 12.0}, {"inner_radius": 4.0, "outer_radius": 11.0, "z_offset": 1.0}),
     CylindricalFrustumGeometry: (lambda **fields: with_surface(CylindricalFrustumGeometry, **fields), {

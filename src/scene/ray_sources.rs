@@ -39,6 +39,9 @@ pub(super) fn fill(
     Ok(used)
 }
 
+/// A shift of a wavelength that is taken for rounding \[um\].
+const ROUNDED: f64 = 1e-6;
+
 /// What is wrong with the file, or with what the scene says of it.
 enum Refusal {
     OfFile(ray_files::Error),
@@ -87,7 +90,11 @@ fn read(
     if let Some(failure) = failure {
         return Err(failure);
     }
-    if groups.farthest > 0.0 {
+    if groups.groups.iter().all(|group| group.shares.is_empty()) {
+        let problem = format!("{} has no rays with light", quoted(&written.file));
+        return Err(Refusal::OfScene(problem, "name a file with rays".into()));
+    }
+    if groups.farthest > ROUNDED {
         let nm = significant(1e3 * groups.farthest, 3);
         found
             .push(said(format!("wavelengths of rays are put to those of the spectrum, at most {nm} nm off")));
@@ -161,7 +168,7 @@ impl Groups {
         if off > FARTHEST {
             return Err(Refusal::OfScene(
                 format!(
-                    "ray {number} has a wavelength of {} um, and the spectrum of the source has none within {} nm",
+                    "ray {number} of the file has a wavelength of {} um, and the spectrum of the source has none within {} nm",
                     own.unwrap_or(0.0),
                     1e3 * FARTHEST
                 ),

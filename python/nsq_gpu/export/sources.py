@@ -15,7 +15,7 @@ from optiland.nonsequential.sources.point import PointSource
 
 from nsq_gpu.export.materials import Media
 from nsq_gpu.export.values import Json, coordinate_system, drop_gradient, number, numbers, optional, refuse_type, rows
-from nsq_gpu.sources import Aim, PupilSource, TabulatedSource, is_of_its_lumens
+from nsq_gpu.sources import Aim, PupilSource, RaySource, TabulatedSource, is_of_its_lumens
 
 
 def spectra(scene: NSQScene) -> list[Json]:
@@ -42,7 +42,8 @@ def _source(name: str, source: Any, spectrum: Json, media: Media) -> Json:
     place = f"source {name!r}"
     kind = _KINDS.get(type(source))
     if kind is None:
-        raise refuse_type(place, "it", source, "a PointSource, CollimatedSource, ExtendedSource, PupilSource or TabulatedSource")
+        raise refuse_type(place, "it", source,
+                          "a PointSource, CollimatedSource, ExtendedSource, PupilSource, RaySource or TabulatedSource")
     return {
         "type": kind[0],
         "name": name,
@@ -58,6 +59,11 @@ def _flux(source: Any, place: str) -> Json:
     """Return the flux in the unit that it was given in; the live ``total_flux`` is the truth."""
     if type(source) is TabulatedSource and source.is_of_its_table:
         return {}
+    if type(source) is RaySource:
+        if source.is_of_its_file:
+            return {}
+        key = "total_flux" if source.total_flux_lumens is None else "total_flux_lumens"
+        return {key: number(getattr(source, key), f"{place}: {key}")}
     if is_of_its_lumens(source):
         return {"total_flux_lumens": number(source.total_flux_lumens, f"{place}: total_flux_lumens")}
     return {"total_flux": number(source.total_flux, f"{place}: total_flux")}
@@ -104,6 +110,11 @@ def _tabulated(source: Any, place: str) -> Json:
     }
 
 
+def _rays(source: Any, place: str) -> Json:
+    # Scenes are traced from folders of their own: the path is absolute.
+    return {"file": source.file, "order": "drawn", "scale": number(source.scale, f"{place}: scale")}
+
+
 def _aim(aim: Any, place: str) -> Json:
     if type(aim) is not Aim:
         raise refuse_type(place, "it", aim, "nsq_gpu.sources.Aim")
@@ -117,4 +128,5 @@ _KINDS: dict[type, tuple[str, Callable[[Any, str], Json]]] = {
     ExtendedSource: ("extended", _extended),
     PupilSource: ("pupil", _pupil),
     TabulatedSource: ("tabulated", _tabulated),
+    RaySource: ("rays", _rays),
 }

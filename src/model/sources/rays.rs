@@ -112,11 +112,7 @@ fn one() -> f64 {
 
 impl WrittenSource for Written {
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
-        checks::size(at("scale"), self.scale)?;
-        match &self.set {
-            Some(set) if set.groups.iter().any(|group| !group.shares.is_empty()) => Ok(()),
-            _ => checks::refuse(at("file"), "the file has no rays with light", "name a file with rays"),
-        }
+        checks::between(at("scale"), self.scale, 1e-6, 1e6)
     }
 
     fn kind(&self) -> SourceKind {
