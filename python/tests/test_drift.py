@@ -37,7 +37,7 @@ from tests.test_export import WALKS, With, document, with_pupil
 
 #: Where a file says which variant it means.
 KEYS = ("type", "interaction", "splat", "profile", "reflect_prob", "outline", "zernike_type", "intensity_units",
-        "scatter_type", "order")
+        "scatter_type", "order", "color")
 #: Variants that people may write and the exporter does not: n and k of a live material are evaluated, and a live surface has
 #: a number.
 BY_HAND = {("Medium", "catalog"), ("Material", "catalog"), ("ScatterFraction", "tis")}
@@ -76,6 +76,10 @@ def exported() -> Iterator[Json]:
         scene.source_registry.add("table", TabulatedSource(CoordinateSystem(), Spectrum.monochromatic(0.55), [0.0, 90.0], [1.0, 0.0],
                                                           intensity_units=units, **flux))
         yield document(scene)
+    scene = with_pupil(cs=CoordinateSystem(), spectrum=Spectrum.monochromatic(0.55))
+    for detector in scene.detectors:
+        detector.color = "xyz"
+    yield document(scene)
     features = itertools.islice(random_scenes.combinations(1), len(random_scenes.FEATURES))
     for number, chosen in enumerate(features):
         with live.quiet():
