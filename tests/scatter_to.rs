@@ -156,7 +156,10 @@ fn intervals_hold_as_often_as_they_say() {
     }
     let mean = held.iter().sum::<f64>() / held.len() as f64;
     assert!(held.len() >= laws().len(), "{held:?}");
-    assert!(held.iter().all(|share| (0.92..=0.98).contains(share)) && (mean - 0.95).abs() < 0.01, "{mean}: {held:?}");
+    assert!(
+        held.iter().all(|share| (0.92..=0.98).contains(share)) && (mean - 0.95).abs() < 0.01,
+        "{mean}: {held:?}"
+    );
 }
 
 /// A small Lambertian patch lights a square in front of it by its configuration factor, whatever share of the rays goes there
