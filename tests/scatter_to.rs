@@ -130,6 +130,60 @@ fn a_wrong_share_is_seen() {
     assert!(off > 4.5, "{off} standard errors");
 }
 
+/// Facets of a painted ball scatter towards detectors as they do without targets.
+#[test]
+fn facets_scatter_towards_targets() {
+    const RINGS: u32 = 8;
+    const AROUND: u32 = 12;
+    let mut vertices = vec![[0.0, 0.0, 5.0]];
+    for i in 1..RINGS {
+        let polar = PI * f64::from(i) / f64::from(RINGS);
+        vertices.extend((0..AROUND).map(|j| {
+            let turn = 2.0 * PI * f64::from(j) / f64::from(AROUND);
+            [5.0 * polar.sin() * turn.cos(), 5.0 * polar.sin() * turn.sin(), 5.0 * polar.cos()]
+        }));
+    }
+    vertices.push([0.0, 0.0, -5.0]);
+    let (ring, last) = (|i: u32, j: u32| 1 + (i - 1) * AROUND + j % AROUND, vertices.len() as u32 - 1);
+    let mut faces = Vec::new();
+    for j in 0..AROUND {
+        faces.extend([[0, ring(1, j), ring(1, j + 1)], [last, ring(RINGS - 1, j + 1), ring(RINGS - 1, j)]]);
+        for i in 1..RINGS - 1 {
+            let (a, b) = (ring(i, j), ring(i + 1, j + 1));
+            faces.extend([[a, ring(i + 1, j), b], [a, b, ring(i, j + 1)]]);
+        }
+    }
+    let scene = |law: &Value, sampling: &Value| {
+        lowered(&json!({"nsq_schema_version": 1, "components": [],
+            "sources": [{"type": "collimated", "name": "beam", "cs": {"x": 1.5, "z": -40.0}, "aperture_radius": 6.0, "total_flux": 1.0,
+                "spectrum": {"wavelengths": [0.55], "weights": [1.0]}}],
+            "detectors": [
+                {"type": "irradiance", "name": "eye", "cs": {"y": 40.0, "z": -30.0, "rx": PI / 3.0}, "width": 3.0, "height": 3.0,
+                    "num_pixels_x": 1, "num_pixels_y": 1},
+                {"type": "irradiance", "name": "side", "cs": {"x": 30.0, "ry": PI / 2.0}, "width": 8.0, "height": 8.0,
+                    "num_pixels_x": 1, "num_pixels_y": 1}],
+            "nsq_gpu": {"version": 1, "sampling": sampling, "surfaces": [{"name": "ball", "cs": {},
+                "shape": {"type": "mesh", "vertices": vertices, "faces": faces}, "interaction": "reflective", "reflectance": 0.8,
+                "bsdf": law, "scatter_fraction": 0.6}]}}))
+    };
+    let aimed = json!({"scatter_prob": 0.8, "scatter_to": [{"surface": "ball", "target": "eye", "share": 0.4},
+        {"surface": "ball", "target": "side", "share": 0.3}]});
+    for law in [&laws()[0], &laws()[6]] {
+        let expected = fluxes(&scene(law, &json!({})), &options(1_000_000, 3, Precision::F64));
+        for precision in [Precision::F32, Precision::F64] {
+            let found = fluxes(&scene(law, &aimed), &options(100_000, 5, precision));
+            for (found, expected) in found.iter().zip(&expected) {
+                let error = found[1].hypot(expected[1]);
+                assert!(
+                    (found[0] - expected[0]).abs() < 4.5 * error,
+                    "{law}: {found:?}, by plain rays {expected:?}"
+                );
+            }
+            assert!(found[0][1] / found[0][0] < 0.02, "{law}: {found:?}");
+        }
+    }
+}
+
 /// 95 % intervals of what detectors record hold the mean over 400 seeds in 92 to 98 % of all seeds.
 #[test]
 fn intervals_hold_as_often_as_they_say() {
