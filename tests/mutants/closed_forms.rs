@@ -11,6 +11,7 @@ use nsq_gpu::model::scatter_sampling::{ScatterSampling, Target, TargetShape};
 use nsq_gpu::model::shapes::aperture::{ApertureOutline, Axes};
 use nsq_gpu::model::shapes::freeform::Polynomial;
 use nsq_gpu::model::shapes::{Biconic, Freeform, SagSurface, Toroidal};
+use nsq_gpu::model::sources::rays::{RayGroup, RaySet};
 use nsq_gpu::model::sources::{self, Aim};
 use nsq_gpu::model::{
     Aperture, AsphereProfile, Bsdf, BsdfTable, ClippedConic, Coating, CoatingRow, Collimated, Conic,
@@ -45,6 +46,7 @@ pub fn named(name: &str) -> Option<fn(&Bench) -> Outcome> {
         "pupil" => pupil,
         "aimed" => aimed,
         "lamp" => lamp,
+        "rays of a file" => rays_of_a_file,
         "guided plate" => guided_plate,
         "guided ghost" => guided_ghost,
         "ties" => ties,
@@ -690,6 +692,65 @@ fn lamp(bench: &Bench) -> Outcome {
         near("a ring", hits as f64 / num as f64, below(edges[1]) - below(edges[0]), num, 1.0)?;
     }
     Ok(())
+}
+
+/// Five rays of two wavelengths: each comes as often as its share says, from where it starts. A source before it has rays of its own,
+/// which go elsewhere.
+fn rays_of_a_file(bench: &Bench) -> Outcome {
+    const NUM_RAYS: u64 = 100_000;
+    let group = |wavelength, rays: &[([f64; 3], [f64; 3], f64)]| RayGroup {
+        wavelength: Some(wavelength),
+        positions: rays.iter().map(|ray| ray.0).collect(),
+        directions: rays.iter().map(|ray| ray.1).collect(),
+        shares: rays.iter().map(|ray| ray.2).collect(),
+    };
+    let of = |groups| {
+        let set = RaySet { sha256: "0".into(), scale: 1.0, groups };
+        SourceKind::Rays(sources::Rays { set: Arc::new(set) })
+    };
+    let straight = [0.0, 0.0, 1.0];
+    let blue = [
+        ([1.0, 5.0, 0.0], straight, 6.0),
+        ([2.0, 5.0, 0.5], [0.6, 0.0, 0.8], 1.0),
+        ([3.0, 5.0, 0.0], straight, 2.0),
+    ];
+    let red = [([4.0, 5.0, 1.0], straight, 1.0), ([5.0, 5.0, -1.0], [0.0, -0.6, 0.8], 5.0)];
+    let other = [([-1.0, -5.0, 0.0], straight, 1.0)];
+    let mut ir = scene(of(vec![group(0.4, &other), group(0.5, &other)]), vec![], vec![database("end", 8.0)]);
+    ir.wavelengths = vec![0.4, 0.5];
+    for medium in &mut ir.media {
+        (medium.n, medium.k) = (vec![medium.n[0]; 2], vec![medium.k[0]; 2]);
+    }
+    ir.sources[0].spectrum = Spectrum { wavelengths: vec![0, 1], cdf: vec![0.6, 1.0] };
+    ir.sources[0].total_flux = 1e-3;
+    ir.sources.push(Source {
+        name: "second".into(),
+        kind: of(vec![group(0.4, &blue), group(0.5, &red)]),
+        total_flux: 1.0,
+        ..ir.sources[0].clone()
+    });
+    let mut setting = Setting::default();
+    setting.options.num_rays = NUM_RAYS;
+    setting.options.precision = Precision::F64;
+    let rows = bench.tally(&ir, &setting).detectors.swap_remove(0).rows;
+    let rows: Vec<_> = rows.into_iter().filter(|row| row.position[1] > -4.0).collect();
+    let num = rows.len() as u64;
+    let mut found = 0;
+    for (group, light) in [(&blue[..], 0.6), (&red[..], 0.4)] {
+        let all: f64 = group.iter().map(|ray| ray.2).sum();
+        for (start, direction, share) in group {
+            let path = (8.0 - start[2]) / direction[2];
+            let place = [0, 1].map(|axis| start[axis] + path * direction[axis]);
+            let is_there = |row: &&RayRow| {
+                (row.position[0] - place[0]).hypot(row.position[1] - place[1]) < 1e-9
+                    && (0..3).all(|axis| (row.direction[axis] - direction[axis]).abs() < 1e-9)
+            };
+            let count = rows.iter().filter(is_there).count() as u64;
+            near("a ray", count as f64 / num as f64, light * share / all, num, 1.0)?;
+            found += count;
+        }
+    }
+    if found == num { Ok(()) } else { Err(format!("{} rays are none of the file", num - found)) }
 }
 
 fn pupil_of(beam_radii: [f64; 2], chief: [f64; 3], pupil_radii: [f64; 2], aimed: Vec<Aim>) -> Pupil {
