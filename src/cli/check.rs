@@ -35,6 +35,9 @@ pub fn run(args: &Args) -> Result<String> {
     for line in notes::extents(&ir) {
         let _ = writeln!(text, "  {line}");
     }
+    for file in &scene.ray_files {
+        let _ = writeln!(text, "  rays of {}: {file}", shown(&file.source));
+    }
     if args.sides {
         text.push_str(&notes::sides(&ir));
     }
