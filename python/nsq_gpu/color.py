@@ -156,8 +156,8 @@ class Color:
         """Return the chromaticity of each pixel, or of all light, with standard errors to first order.
 
         Args:
-            whole: True returns that of all light, as the report has it. Its errors take a wavelength of one source to come as
-                well as the same wavelength of another source. Errors of pixels take nothing for granted.
+            whole: True returns that of all light, as the report has it. Its errors assume that light of one wavelength
+                arrives equally well from every source. Errors of pixels assume nothing.
 
         Raises:
             UsageError: The detector saw no colour.

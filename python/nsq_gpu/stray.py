@@ -36,13 +36,13 @@ class StraySurfaces(_Table):
     """The surfaces of a scene by the stray light that they send to a detector: a structured array with a row each, the worst first.
 
     ``found["sends"]`` is a column and ``found[0]`` a row. ``found[(found["receives"] > 0) & (found["seen"] > 0)]`` are those
-    that a source lights and that the detector sees. They bring light that scattered once.
+    that a source lights and that the detector sees. They can send light after one scattering.
 
     ========================  ======================================================================================
     ``name``                  the surface
     ``receives``              flux that sources send there [W], straight or by mirrors and lenses, and not by scattering
-    ``sends``                 flux that the surface scatters and that the detector records [W]; light that two surfaces
-                              scatter counts for both
+    ``sends``                 detected flux that scattered at this surface, first or later [W]; light that scattered
+                              twice counts in two rows
     ``sends_standard_error``  its standard error [W]
     ``seen``                  the share of the detector's view that the surface fills [1], straight or by mirrors and
                               lenses; directions count by their cosine

@@ -12,8 +12,8 @@ use serde_json::{Value, json};
 pub struct Luminous {
     /// Luminous flux \[lm\].
     pub flux_lm: f64,
-    /// Its standard error \[lm\]; none if second moments were not summed. It takes a wavelength of one source to
-    /// come as well as that of another one.
+    /// Its standard error \[lm\]; none if second moments were not summed. It assumes that light of one wavelength
+    /// arrives equally well from every source.
     pub flux_lm_standard_error: Option<f64>,
     /// Illuminance \[lx\], or luminous intensity of a far field \[cd\], in the shape of the detector's map.
     #[serde(skip)]

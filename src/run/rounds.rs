@@ -1,4 +1,4 @@
-//! Errors between rounds of rays: of light so faint that single rays weigh less than squares can be summed for.
+//! Standard errors between rounds of rays, for light so faint that the squares of single weights are lost in rounding.
 
 use crate::result::Tally;
 use crate::run::TraceOptions;
@@ -24,7 +24,7 @@ impl<K> Default for Rounds<K> {
     }
 }
 
-/// The options of a trace in rounds, whose passes have to have no time.
+/// The options of a trace in rounds, whose passes must have no time limit.
 pub(super) fn in_rounds(options: TraceOptions) -> TraceOptions {
     let of_round = (options.num_rays / ROUNDS).clamp(FEWEST_RAYS, MOST_RAYS);
     TraceOptions { batch_size: Some(of_round as u32), ..options }

@@ -1,6 +1,6 @@
 //! Which surfaces are to blame for stray light: those that a source lights, those that a detector sees, and those that are both.
 //!
-//! A surface that a source lights and that a detector sees brings light that scattered once. That is the first list of a stray-light
+//! A surface that a source lights and that a detector sees can send light after one scattering. That is the first list of a stray-light
 //! analysis: illuminated and critical objects (Fest, Stray Light Analysis and Control, SPIE 2013, section 1.3).
 
 use crate::error::{Error, Result};
@@ -26,7 +26,7 @@ pub struct Blame {
     pub name: String,
     /// The flux that the sources send there, straight or by mirrors and lenses, and not by scattering \[W\].
     pub receives: f64,
-    /// The flux that the surface scatters and that the detector records \[W\], and its standard error between rounds of rays.
+    /// The detected flux that scattered at this surface, first or later \[W\], and its standard error between rounds of rays.
     pub sends: [f64; 2],
     /// The share of the detector's view that the surface fills, straight or by mirrors and lenses. Directions count by their cosine.
     pub seen: f64,

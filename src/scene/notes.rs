@@ -8,7 +8,7 @@ use crate::format::{MOST_NAMES, listed, shown, significant, thousands};
 use crate::model::shapes::FrontSide;
 use crate::model::sides::{Disagreement, MOST_WORK, SideFaults, wrong_sides};
 use crate::model::surface_optics::reflectance;
-use crate::model::{Bsdf, Frame, Interaction, Measured, Scatter, SceneIr, Shape, Surface, Tabulated};
+use crate::model::{Bsdf, Frame, Interaction, Scatter, SceneIr, Shape, Surface};
 
 /// Everything that deserves a note.
 pub fn of(ir: &SceneIr) -> Vec<String> {
@@ -117,35 +117,27 @@ fn direction(d: DVec3) -> String {
 fn of_scattering(surface: &Surface) -> Vec<String> {
     let Some(scatter) = &surface.scatter else { return Vec::new() };
     let mut notes = Vec::new();
-    if let Bsdf::Tabulated(_) = &scatter.bsdf {
+    if let Bsdf::Tabulated(tabulated) = &scatter.bsdf {
         notes.push(format!(
             "the table of `{}` has no azimuth: a lobe that was measured about the mirrored ray becomes a ring about the normal",
             shown(&surface.name)
         ));
-    }
-    let darkest = scattered_shares(&scatter.bsdf).into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
-    if let Some((share, theta_i)) = darkest.filter(|(share, _)| *share < LEAST_KEPT) {
-        notes.push(format!(
-            "the table of `{}` loses up to {} % of what it is to scatter, at an incidence of {theta_i} degrees: its values \
-             add up to {}",
-            shown(&surface.name),
-            significant(100.0 * (1.0 - share), 3),
-            significant(share, 3)
-        ));
+        let table = &tabulated.table;
+        let rows = (0..table.theta_i.len()).map(|row| (table.albedo(row), table.theta_i[row]));
+        if let Some((albedo, theta_i)) =
+            rows.min_by(|a, b| a.0.total_cmp(&b.0)).filter(|(albedo, _)| *albedo < LEAST_KEPT)
+        {
+            notes.push(format!(
+                "the table of `{}` loses up to {} % of what it is to scatter, at an incidence of {theta_i} degrees: its values \
+                 add up to {}",
+                shown(&surface.name),
+                significant(100.0 * (1.0 - albedo), 3),
+                significant(albedo, 3)
+            ));
+        }
     }
     notes.extend(weak_mirror(surface, scatter));
     notes
-}
-
-/// The shares of what they get that the rows of a table scatter, and their angles of incidence \[deg\].
-fn scattered_shares(bsdf: &Bsdf) -> Vec<(f64, f64)> {
-    if let Bsdf::Tabulated(Tabulated { table, .. }) = bsdf {
-        return (0..table.theta_i.len()).map(|row| (table.albedo(row), table.theta_i[row])).collect();
-    }
-    if let Bsdf::Measured(Measured { table, level }) = bsdf {
-        return table.rows.iter().map(|row| (level * row.scattered, row.incidence_deg)).collect();
-    }
-    Vec::new()
 }
 
 /// A table that scatters less of what it gets deserves a note.

@@ -169,7 +169,7 @@ impl Groups {
             return Err(Refusal::OfScene(
                 format!(
                     "ray {number} of the file has a wavelength of {} um, and the spectrum of the source has none within {} nm",
-                    own.unwrap_or(0.0),
+                    significant(own.unwrap_or(0.0), 6),
                     1e3 * FARTHEST
                 ),
                 "add wavelengths to the spectrum of the source".into(),

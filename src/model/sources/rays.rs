@@ -1,7 +1,7 @@
 //! Rays of a file: those that a maker measured of a lamp, or that another trace recorded.
 //!
-//! A ray of the trace takes one of the file's, drawn by its share of the light. Draws are independent, so that standard errors
-//! hold; the file's rays in turn would be too even for them. What the file lacks, no number of rays makes up for.
+//! A ray of the trace takes one of the file's, drawn by its share of the light. Draws are independent, so that standard errors of
+//! the draw hold; the file's rays in turn would be too even for them. The file's own noise is in no standard error.
 
 use crate::Result;
 use crate::model::checks;
