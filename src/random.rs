@@ -16,6 +16,12 @@ impl Draw {
         bits ^ (bits >> 31)
     }
 
+    /// From 0 to one less than so many, or 0.
+    #[cfg(test)]
+    pub(crate) fn roll(&mut self, sides: usize) -> usize {
+        (self.bits() % sides.max(1) as u64) as usize
+    }
+
     /// In (0, 1).
     pub(crate) fn uniform(&mut self) -> f64 {
         ((self.bits() >> 11) as f64 + 0.5) / (1_u64 << 53) as f64

@@ -7,7 +7,7 @@ fn drawn_from_polar_table(first: u32, u_polar: real, u_azimuth: real) -> vec3<re
     let num_knots = u32(tables[first]);
     let num_azimuths = u32(tables[first + 1u]);
     let shares = first + 2u;
-    let knots = shares + num_knots;
+    let knots = shares + 2u * num_knots;
     let azimuths = knots + 4u * num_knots;
 
     let k = interval_of(u_polar, shares, num_knots);

@@ -22,47 +22,19 @@ fn toward_measured(s: Scattering, surface: Surface, direction: vec3<real>) -> To
 fn polar_table_density(first: u32, local: vec3<real>) -> real {
     let num_knots = u32(tables[first]);
     let num_azimuths = u32(tables[first + 1u]);
-    let knots = first + 2u + num_knots;
-    let azimuths = knots + 4u * num_knots;
-    let sine = sqrt(local.x * local.x + local.y * local.y);
-    // The last knot that is not beyond the polar angle.
-    var low = 0u;
-    var high = num_knots - 1u;
-    var step = 0u;
-    loop {
-        let middle = (low + high) / 2u;
-        if always_true() & (high - low > 1u) {
-            if sine_beyond(knots + 4u * middle, sine, local.z) >= 0.0 {
-                low = middle;
-            } else {
-                high = middle;
-            }
-        }
-        step += 1u;
-        if step >= 32u || high - low <= 1u {
-            break;
-        }
-    }
-    // The end of the table lies beyond its last knot.
-    if sine_beyond(knots + 4u * (num_knots - 1u), sine, local.z) > 0.0 {
+    let angles = first + 2u + num_knots;
+    let azimuths = angles + 5u * num_knots;
+    let polar = atan2_real(sqrt(local.x * local.x + local.y * local.y), local.z);
+    if polar > tables[angles + num_knots - 1u] {
         return 0.0;
     }
-    let knot = knots + 4u * low;
-    let beyond = sine_beyond(knot, sine, local.z);
-    // asin of at most 0.02.
-    let square = beyond * beyond;
-    let angle = beyond * (1.0 + square / 6.0 * (1.0 + square * 0.45));
-    let part = min(max(angle / tables[knot], 0.0), 1.0);
+    let k = interval_of(polar, angles, num_knots);
+    let part = min(position_in(polar, angles + k), 1.0);
     let turned = atan2_real(local.y, local.x);
     let azimuth = min(select(turned, turned + 6.283185307179586, turned < 0.0), tables[azimuths + num_azimuths - 1u]);
     let i = interval_of(azimuth, azimuths, num_azimuths);
     let v = position_in(azimuth, azimuths + i);
-    let row = azimuths + num_azimuths + 2u * num_azimuths * low + i;
+    let row = azimuths + num_azimuths + 2u * num_azimuths * k + i;
     let next = row + 2u * num_azimuths;
     return (1.0 - v) * between_knots(row, next, part) + v * between_knots(row + 1u, next + 1u, part);
-}
-
-// The sine of the angle by which a direction lies beyond a knot.
-fn sine_beyond(knot: u32, sine: real, cosine: real) -> real {
-    return sine * tables[knot + 2u] - cosine * tables[knot + 1u];
 }

@@ -8,7 +8,7 @@ use crate::cli::trace_args::{PathsArg, TraceArgs};
 use crate::error::{Error, Result};
 use crate::format::{pretty_json, shown};
 use crate::gpu::{AdapterChoice, Native};
-use crate::run::pst::{Direction, Pst};
+use crate::run::pst::{Direction, turned};
 use crate::run::surfaces::{Blame, blame};
 use crate::run::{Next, Session};
 use glam::DVec3;
@@ -70,19 +70,7 @@ pub fn run(args: &Args) -> Result<String> {
     args.trace.override_sampling(&mut model)?;
     let options = trace.options(&model)?;
     if let Some(direction) = args.direction()? {
-        let turned = Pst {
-            scene: &scene,
-            model: &model,
-            options: options.clone(),
-            directions: vec![direction],
-            detector: args.detector.clone(),
-            source: args.source.clone(),
-            pivot: args.pivot,
-            target_error: None,
-            path_rows: trace.path_rows()?,
-        }
-        .turned(direction)?;
-        model = turned;
+        model = turned(&model, &args.detector, (args.source.as_deref(), args.pivot), direction)?;
     }
     let stop = stop_on_interrupt()?;
     let choice = AdapterChoice { name: args.adapter.clone(), native: Native::Allowed, ..Default::default() };

@@ -154,7 +154,7 @@ impl PolarTable {
     }
 
     /// The table of shaders/optics/polar_table.wgsl, for a flux of 1: numbers of knots and of azimuths; shares of the flux
-    /// below each knot; for each knot the angle to the next one, its sine, cosine and total; azimuths; for each knot its
+    /// below each knot; their angles; for each knot the angle to the next one, its sine, cosine and total; azimuths; for each knot its
     /// values and then their sums.
     pub(crate) fn numbers(&self) -> Vec<f64> {
         let knots = self.knots();
@@ -167,6 +167,7 @@ impl PolarTable {
             // Shares behind the last light are 1 exactly, so that no draw falls there.
             if below >= flux { 1.0 } else { below / flux }
         }));
+        numbers.extend(knots.iter().map(|knot| knot.angle));
         let lengths = knots.windows(2).map(|pair| pair[1].angle - pair[0].angle).chain(std::iter::once(0.0));
         numbers.extend(
             knots

@@ -120,7 +120,7 @@ impl Pst<'_> {
         mut ask: impl for<'r> FnMut(Run<'r>) -> Result<Run<'r>>,
         mut next: impl FnMut(&Status) -> Next,
     ) -> Result<Transmittances> {
-        let beam = Beam::of(self)?;
+        let beam = Beam::of(self.model, &self.detector, self.source.as_deref(), self.pivot)?;
         let num_directions = self.directions.len();
         let mut found =
             Transmittances { num_directions, points: Vec::new(), warnings: Vec::new(), failure: None };
@@ -134,14 +134,6 @@ impl Pst<'_> {
             }
         }
         Ok(found)
-    }
-
-    /// The scene with its source in a direction, and no other source.
-    ///
-    /// # Errors
-    /// [`Error::Usage`] for a detector or a source that does not do.
-    pub fn turned(&self, direction: Direction) -> Result<SceneIr> {
-        Ok(Beam::of(self)?.towards(direction).0)
     }
 
     fn point(
@@ -186,6 +178,19 @@ impl Pst<'_> {
     }
 }
 
+/// The scene with its source in a direction, and no other source: as [`Pst`] traces it.
+///
+/// # Errors
+/// [`Error::Usage`] for a detector or a source that does not do.
+pub fn turned(
+    model: &SceneIr,
+    detector: &str,
+    (source, pivot): (Option<&str>, Option<DVec3>),
+    direction: Direction,
+) -> Result<SceneIr> {
+    Ok(Beam::of(model, detector, source, pivot)?.towards(direction).0)
+}
+
 /// The source that is turned.
 struct Beam<'a> {
     model: &'a SceneIr,
@@ -200,12 +205,13 @@ struct Beam<'a> {
 }
 
 impl<'a> Beam<'a> {
-    fn of(pst: &Pst<'a>) -> Result<Self> {
-        let model = pst.model;
+    fn of(model: &'a SceneIr, detector: &str, source: Option<&str>, pivot: Option<DVec3>) -> Result<Self> {
+        let overfills = source.is_none();
         let names = || model.detectors.iter().map(|detector| detector.name.as_str());
-        let detector = names().position(|name| name == pst.detector).ok_or_else(|| {
-            let advice = did_you_mean(&pst.detector, names());
-            Error::Usage(format!("`{}` is no detector; {advice}", shown(&pst.detector)))
+        let named = detector;
+        let detector = names().position(|name| name == named).ok_or_else(|| {
+            let advice = did_you_mean(named, names());
+            Error::Usage(format!("`{}` is no detector; {advice}", shown(named)))
         })?;
         let area = match model.detectors[detector].outline() {
             Outline::Rectangle { width, height } => width * height,
@@ -213,21 +219,21 @@ impl<'a> Beam<'a> {
                 PI * radius * radius
             }
             Outline::Disk { .. } | Outline::Infinite => {
-                let name = shown(&pst.detector);
+                let name = shown(named);
                 return Err(Error::Usage(format!(
                     "the detector `{name}` has no area, and so no irradiance; name one of type irradiance"
                 )));
             }
         };
         let names = || model.sources.iter().map(|source| source.name.as_str());
-        let source = match &pst.source {
+        let source = match source {
             None => 0,
             Some(wanted) => names().position(|name| name == wanted).ok_or_else(|| {
                 let advice = did_you_mean(wanted, names());
                 Error::Usage(format!("`{}` is no source; {advice}", shown(wanted)))
             })?,
         };
-        if pst.source.is_some() && uniform_beam(&model.sources[source].kind).is_none() {
+        if !overfills && uniform_beam(&model.sources[source].kind).is_none() {
             return Err(Error::Usage(format!(
                 "the source `{}` is no beam of the same irradiance everywhere; name a collimated one with the profile tophat, or none: \
                  then a beam overfills the scene",
@@ -236,15 +242,7 @@ impl<'a> Beam<'a> {
         }
         let corners = corners(model);
         let middle = corners.iter().sum::<DVec3>() / corners.len().max(1) as f64;
-        Ok(Beam {
-            model,
-            source,
-            detector,
-            area,
-            pivot: pst.pivot.unwrap_or(middle),
-            overfills: pst.source.is_none(),
-            corners,
-        })
+        Ok(Beam { model, source, detector, area, pivot: pivot.unwrap_or(middle), overfills, corners })
     }
 
     /// The scene with the source in a direction alone, and the transmittance that it would have if all light came to the

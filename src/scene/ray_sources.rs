@@ -71,24 +71,14 @@ fn read(
             "name a smaller file of the lamp: makers have one of 100,000 or 500,000 rays".into(),
         ));
     }
-    let total = file.sum_flux()?;
     let says_flux = written.total_flux.is_some() || written.total_flux_lumens.is_some();
     let said = |text: String| format!("{} of {}: {text}", quoted(&written.file), quoted(&written.name));
     let mut found: Vec<String> = header.remarks.iter().cloned().map(said).collect();
+    let mut groups = Groups::new(written, &header.wavelengths, header.flux_kind);
+    let total = file.for_each(|number, ray| groups.add(number, ray))?;
     // A flux that the scene says takes the place of the file's.
     if !says_flux {
         found.extend(file.compare_total(total)?.map(said));
-    }
-    let mut groups = Groups::new(written, &header.wavelengths, header.flux_kind);
-    let mut failure = None;
-    file.for_each(|number, ray| {
-        if failure.is_none() {
-            failure = groups.add(number, ray).err();
-        }
-        Ok(())
-    })?;
-    if let Some(failure) = failure {
-        return Err(failure);
     }
     if groups.groups.iter().all(|group| group.shares.is_empty()) {
         let problem = format!("{} has no rays with light", quoted(&written.file));
@@ -101,12 +91,11 @@ fn read(
     }
     warnings.extend(found);
     let sha256 = file.sha256()?;
-    let flux = groups.watts.map_or(total, |watts| watts);
     let unit = header.flux_kind.map(|kind| kind.unit().to_owned());
     written.flux = match (header.flux_kind, groups.watts) {
         (_, Some(watts)) => Some(OwnFlux::Watts(watts)),
-        (Some(FluxKind::Radiant), None) => Some(OwnFlux::Watts(flux)),
-        (Some(FluxKind::Luminous), None) => Some(OwnFlux::Lumens(flux)),
+        (Some(FluxKind::Radiant), None) => Some(OwnFlux::Watts(total)),
+        (Some(FluxKind::Luminous), None) => Some(OwnFlux::Lumens(total)),
         (None, None) => None,
     };
     let groups = groups.finish(written);
@@ -127,7 +116,6 @@ struct Groups {
     groups: Vec<RayGroup>,
     /// True if rays have wavelengths of their own.
     by_wavelength: bool,
-    is_luminous: bool,
     scale: f64,
     /// The flux \[W\] of luminous rays that have wavelengths of their own.
     watts: Option<f64>,
@@ -148,9 +136,8 @@ impl Groups {
             true => written.spectrum.wavelengths.iter().map(|wavelength| group(Some(*wavelength))).collect(),
             false => vec![group(None)],
         };
-        let is_luminous = by_wavelength && kind == Some(FluxKind::Luminous);
-        let watts = is_luminous.then_some(0.0);
-        Groups { groups, by_wavelength, is_luminous, scale: written.scale, watts, farthest: 0.0 }
+        let watts = (by_wavelength && kind == Some(FluxKind::Luminous)).then_some(0.0);
+        Groups { groups, by_wavelength, scale: written.scale, watts, farthest: 0.0 }
     }
 
     fn add(&mut self, number: u64, ray: &ray_files::Ray) -> std::result::Result<(), Refusal> {
@@ -177,7 +164,7 @@ impl Groups {
         }
         self.farthest = self.farthest.max(off);
         let mut share = ray.flux;
-        if self.is_luminous {
+        if let Some(watts) = &mut self.watts {
             let efficacy = group.wavelength.map_or(0.0, photometry::efficacy);
             if !photometry::is_visible(efficacy) {
                 return Err(Refusal::OfScene(
@@ -186,7 +173,7 @@ impl Groups {
                 ));
             }
             share /= efficacy;
-            self.watts = self.watts.map(|watts| watts + share);
+            *watts += share;
         }
         group.positions.push(ray.position.map(|x| x * self.scale));
         group.directions.push(ray.direction);

@@ -4,6 +4,7 @@ use crate::run::surfaces::{Blame, blame};
 use crate::run::{Next, Session, StandardError, TraceOptions};
 use crate::viewer::following::{Watch, Work};
 use crate::viewer::light::Context;
+use std::collections::HashMap;
 
 /// Most rays of the list.
 const MOST_RAYS: u64 = 1_000_000;
@@ -21,6 +22,17 @@ pub enum Part {
     Seen,
 }
 
+impl Part {
+    fn of(Blame { receives, seen, .. }: &Blame) -> Option<Self> {
+        match (*receives > 0.0, *seen > 0.0) {
+            (true, true) => Some(Part::LitAndSeen),
+            (true, false) => Some(Part::Lit),
+            (false, true) => Some(Part::Seen),
+            (false, false) => None,
+        }
+    }
+}
+
 /// The list that was asked for last.
 #[derive(Default)]
 pub struct Stray {
@@ -28,6 +40,8 @@ pub struct Stray {
     pub detector: Option<String>,
     work: Option<Work<Vec<Blame>>>,
     found: Option<std::result::Result<Vec<Blame>, String>>,
+    /// By the names of surfaces.
+    parts: HashMap<String, Part>,
 }
 
 impl Stray {
@@ -55,13 +69,15 @@ impl Stray {
             )
         };
         self.detector = Some(detector.to_owned());
-        self.found = None;
+        self.clear();
         self.work = Some(Work::start(work, notify));
     }
 
     /// Takes the list if it is ready.
     pub fn poll(&mut self) {
         if let Some(found) = self.work.as_ref().and_then(Work::take) {
+            let of = |blame: &Blame| Some((blame.name.clone(), Part::of(blame)?));
+            self.parts = found.iter().flatten().filter_map(of).collect();
             (self.found, self.work) = (Some(found.map_err(|error| error.to_string())), None);
         }
     }
@@ -79,6 +95,7 @@ impl Stray {
     /// Forgets the list.
     pub fn clear(&mut self) {
         (self.found, self.work) = (None, None);
+        self.parts.clear();
     }
 
     /// Ends the work, and waits for its end.
@@ -90,13 +107,6 @@ impl Stray {
 
     /// What the surface of a name has to do with stray light; none for nothing, or for nothing known.
     pub fn part(&self, surface: &str) -> Option<Part> {
-        let Some(Ok(found)) = &self.found else { return None };
-        let Blame { receives, seen, .. } = found.iter().find(|blame| blame.name == surface)?;
-        match (*receives > 0.0, *seen > 0.0) {
-            (true, true) => Some(Part::LitAndSeen),
-            (true, false) => Some(Part::Lit),
-            (false, true) => Some(Part::Seen),
-            (false, false) => None,
-        }
+        self.parts.get(surface).copied()
     }
 }

@@ -1318,6 +1318,7 @@ fn wavy(transmits: bool) -> Bsdf {
             incidence_deg,
             values: PolarTable { polar, azimuth: azimuth.clone(), rows },
             scattered: 1.0,
+            measured: 1.0,
         }
     };
     let table = MeasuredTable { transmits, rows: vec![row(20.0, 0.2), row(60.0, 0.6)] };

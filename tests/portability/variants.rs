@@ -931,7 +931,12 @@ pub fn bsdf_of(kind: BsdfKind, transmissive_fraction: f64) -> Bsdf {
                 azimuth: vec![0.0, std::f64::consts::PI, std::f64::consts::TAU],
                 rows: vec![vec![0.5, 0.25], vec![0.25, 0.125], vec![0.5, 0.25]],
             };
-            let row = |incidence_deg| MeasuredRow { incidence_deg, values: values.clone(), scattered: 0.25 };
+            let row = |incidence_deg| MeasuredRow {
+                incidence_deg,
+                values: values.clone(),
+                scattered: 0.25,
+                measured: 0.25,
+            };
             let transmits = transmissive_fraction > 0.0;
             let table = MeasuredTable { transmits, rows: vec![row(0.0), row(60.0)] };
             Bsdf::Measured(Measured { table: table.into(), level: 1.0 })

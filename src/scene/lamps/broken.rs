@@ -1,21 +1,9 @@
 //! Thousands of broken files: none may end the program, and each message names a line and a cure.
 
 use super::{Lamp, Malformed, read_eulumdat, read_ies, write_eulumdat, write_ies};
+use crate::random::Draw;
 
 const FILES: u64 = 2000;
-
-/// SplitMix64.
-struct Dice(u64);
-
-impl Dice {
-    fn roll(&mut self, sides: usize) -> usize {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) % sides.max(1) as u64) as usize
-    }
-}
 
 /// A number in place of another: none of them may be trusted.
 const ODD: [&str; 14] = [
@@ -35,7 +23,7 @@ const ODD: [&str; 14] = [
     "é",
 ];
 
-fn flip(text: &str, dice: &mut Dice) -> String {
+fn flip(text: &str, dice: &mut Draw) -> String {
     let mut bytes = text.as_bytes().to_vec();
     for _ in 0..=dice.roll(8) {
         let place = dice.roll(bytes.len());
@@ -46,7 +34,7 @@ fn flip(text: &str, dice: &mut Dice) -> String {
     String::from_utf8_lossy(&bytes).into_owned()
 }
 
-fn change_lines(text: &str, dice: &mut Dice, is_dropped: bool) -> String {
+fn change_lines(text: &str, dice: &mut Draw, is_dropped: bool) -> String {
     let mut lines: Vec<&str> = text.lines().collect();
     for _ in 0..=dice.roll(3) {
         let place = dice.roll(lines.len());
@@ -59,7 +47,7 @@ fn change_lines(text: &str, dice: &mut Dice, is_dropped: bool) -> String {
     lines.join("\n")
 }
 
-fn change_numbers(text: &str, dice: &mut Dice) -> String {
+fn change_numbers(text: &str, dice: &mut Draw) -> String {
     let mut words: Vec<&str> = text.split_inclusive([' ', '\n']).collect();
     for _ in 0..=dice.roll(3) {
         // The first numbers, which are counts and factors, as often as the others.
@@ -71,7 +59,7 @@ fn change_numbers(text: &str, dice: &mut Dice) -> String {
     words.concat()
 }
 
-fn break_up(text: &str, dice: &mut Dice) -> String {
+fn break_up(text: &str, dice: &mut Draw) -> String {
     match dice.roll(6) {
         0 => flip(text, dice),
         1 => change_lines(text, dice, true),
@@ -85,7 +73,7 @@ fn break_up(text: &str, dice: &mut Dice) -> String {
 fn survive(files: &[String], seed: u64, read: fn(&str) -> Result<Lamp, Malformed>) -> usize {
     let mut refused = 0;
     for number in 0..FILES {
-        let mut dice = Dice(seed + number);
+        let mut dice = Draw::new(seed + number);
         let broken = break_up(&files[dice.roll(files.len())], &mut dice);
         match read(&broken) {
             Ok(lamp) => check_whole(&lamp),

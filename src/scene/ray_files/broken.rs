@@ -4,39 +4,27 @@ use std::io::Cursor;
 
 use super::tests::{FLUX_ONLY, SPECTRAL, TEXT, npz, npz_columns, tm25, zemax};
 use super::*;
+use crate::random::Draw;
 
 const FILES: u64 = 2000;
 
-/// SplitMix64.
-struct Dice(u64);
-
-impl Dice {
-    fn roll(&mut self, sides: usize) -> usize {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) % sides.max(1) as u64) as usize
-    }
-
-    /// A place in a file, most often in its first bytes or its last ones.
-    fn place(&mut self, length: usize) -> usize {
-        match self.roll(4) {
-            0 => self.roll(length),
-            1 => length.saturating_sub(1 + self.roll(200)),
-            2 => self.roll(length.min(300)),
-            _ => self.roll(length.min(96)),
-        }
+/// A place in a file, most often in its first bytes or its last ones.
+fn place_in(length: usize, dice: &mut Draw) -> usize {
+    match dice.roll(4) {
+        0 => dice.roll(length),
+        1 => length.saturating_sub(1 + dice.roll(200)),
+        2 => dice.roll(length.min(300)),
+        _ => dice.roll(length.min(96)),
     }
 }
 
 /// Words in place of others: counts and numbers that may not be trusted.
 const ODD: [u32; 8] = [0, 1, 0x7fff_ffff, 0x8000_0000, 0xffff_ffff, 0x7fc0_0000, 0x7f80_0000, 0x0100_0000];
 
-fn broken(file: &[u8], dice: &mut Dice) -> Vec<u8> {
+fn broken(file: &[u8], dice: &mut Draw) -> Vec<u8> {
     let mut bytes = file.to_vec();
     for _ in 0..=dice.roll(4) {
-        let place = dice.place(bytes.len()).min(bytes.len());
+        let place = place_in(bytes.len(), dice).min(bytes.len());
         match dice.roll(5) {
             0 | 1 => bytes.iter_mut().skip(place).take(1).for_each(|byte| *byte ^= 1 << dice.roll(8)),
             2 => {
@@ -57,12 +45,11 @@ fn is_taken(bytes: Vec<u8>, name: &str) -> bool {
     let read = RayFile::of(Cursor::new(bytes), name).and_then(|mut file| {
         assert!(file.header().num_rays <= length);
         file.sha256()?;
-        file.for_each(|_, ray| {
+        let sum = file.for_each(|_, ray| {
             let numbers = ray.position.iter().chain(&ray.direction).chain([&ray.flux]).chain(&ray.wavelength);
             assert!(numbers.copied().all(f64::is_finite) && ray.flux >= 0.0);
-            Ok(())
+            Ok::<(), Error>(())
         })?;
-        let sum = file.sum_flux()?;
         file.compare_total(sum)
     });
     read.inspect_err(|error| {
@@ -73,7 +60,7 @@ fn is_taken(bytes: Vec<u8>, name: &str) -> bool {
 }
 
 fn broken_files_are_read(seed: u64, files: &[(Vec<u8>, &str)]) {
-    let mut dice = Dice(seed);
+    let mut dice = Draw::new(seed);
     let mut num_taken = 0;
     for (file, name) in files {
         assert!(is_taken(file.clone(), name), "{name}");

@@ -1,7 +1,7 @@
 //! Ray files: the rays of a light source, as makers measure them or as another trace recorded them.
 //!
 //! Four formats are read: IES TM-25-13, binary and text source files of Zemax OpticStudio, and the columns of
-//! a ray database. TM-25 and the columns are written too. Each module names the source of its layout.
+//! a ray database. TM-25 is written too; columns are what a trace writes for its detectors. Each module names the source of its layout.
 //!
 //! Files may hold 2e7 rays and come from anywhere. Rays are handed out by ranges, so memory is constant.
 //! Sizes are checked against the file's before memory is taken, and messages name a byte, a line or a ray.
@@ -24,9 +24,9 @@ use std::io::{Read, Seek, SeekFrom};
 use std::ops::Range;
 use std::path::Path;
 
+use crate::format::hex;
 use sha2::{Digest, Sha256};
 
-pub use npz::write_npz;
 pub use ray::{Error, FluxKind, Format, Header, LengthUnit, Ray, Result, Wavelengths};
 pub use tm25_writer::{Tm25Labels, Tm25Writer};
 
@@ -130,42 +130,47 @@ impl<R: Read + Seek> RayFile<R> {
         }
     }
 
-    /// Calls `take` with all rays in order, and their numbers.
+    /// Calls `take` with all rays in order, and their numbers. Returns their flux, in the unit of [`Header::flux_kind`]: what
+    /// the file launches.
     ///
     /// # Errors
-    /// Those of [`RayFile::read`], and those of `take`.
-    pub fn for_each(&mut self, mut take: impl FnMut(u64, &Ray) -> Result<()>) -> Result<()> {
+    /// Those of [`RayFile::read`], those of `take`, and if the sum is beyond f64.
+    pub fn for_each<E: From<Error>>(
+        &mut self,
+        mut take: impl FnMut(u64, &Ray) -> std::result::Result<(), E>,
+    ) -> std::result::Result<f64, E> {
         let num_rays = self.header.num_rays;
+        let mut sum = Sum::default();
         let mut rays = Vec::new();
         let mut first = 0;
         // Once without rays as well: lines may follow.
         loop {
             let end = num_rays.min(first + CHUNK);
             self.read(first..end, &mut rays)?;
-            (first..).zip(&rays).try_for_each(|(index, ray)| take(index, ray))?;
+            for (index, ray) in (first..).zip(&rays) {
+                take(index, ray)?;
+                sum.add(ray.flux);
+            }
             first = end;
             if first == num_rays {
-                return Ok(());
+                break;
             }
         }
-    }
-
-    /// The flux of all rays, in the unit of [`Header::flux_kind`]: what the file launches.
-    ///
-    /// # Errors
-    /// Those of [`RayFile::read`], and if the sum is beyond f64.
-    pub fn sum_flux(&mut self) -> Result<f64> {
-        let mut sum = Sum::default();
-        self.for_each(|_, ray| {
-            sum.add(ray.flux);
-            Ok(())
-        })?;
         let sum = sum.value();
         if sum.is_finite() {
-            Ok(sum)
-        } else {
-            Err(Error::new("the sum of all rays", "their flux is beyond f64", "state it in a larger unit"))
+            return Ok(sum);
         }
+        let problem = "their flux is beyond f64";
+        Err(Error::new("the sum of all rays", problem, "state it in a larger unit").into())
+    }
+
+    /// The flux of all rays: that of [`RayFile::for_each`].
+    ///
+    /// # Errors
+    /// Those of [`RayFile::for_each`].
+    #[cfg(test)]
+    fn sum_flux(&mut self) -> Result<f64> {
+        self.for_each(|_, _| Ok(()))
     }
 
     /// Compares the flux of all rays with what the header states, to within the rounding of the format.
@@ -209,7 +214,7 @@ impl<R: Read + Seek> RayFile<R> {
                 Err(error) => return Err(Error::io(format!("byte {place}"), &error)),
             }
         }
-        Ok(hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
+        Ok(hex(&hash.finalize()))
     }
 }
 

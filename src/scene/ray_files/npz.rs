@@ -1,4 +1,4 @@
-//! Columns of a ray database, `.npz`, read and written.
+//! Columns of a ray database, `.npz`.
 //!
 //! Source of the layout: NumPy's `numpy.lib.format` (`.npy`) in a zip archive, as `numpy.savez` writes it.
 //! The columns are those that `nsq-gpu trace` writes for a ray database: `x`, `y`, `z` in mm, `L`, `M`, `N`,
@@ -7,11 +7,10 @@
 //! The members are stored, not compressed. So any ray is found by its number, and a range is read without
 //! the rest.
 
-use std::io::{BufReader, BufWriter, Read, Seek, Write};
+use std::io::{BufReader, Read, Seek};
 use std::ops::Range;
 
-use zip::write::SimpleFileOptions;
-use zip::{CompressionMethod, ZipArchive, ZipWriter};
+use zip::{CompressionMethod, ZipArchive};
 
 use super::ray::{Error, FluxKind, Format, Header, LengthUnit, Ray, Result, Wavelengths};
 use super::records::{bytes_at, word};
@@ -23,14 +22,10 @@ const NAMES: [&str; 8] = ["x", "y", "z", "L", "M", "N", "flux", "wavelength"];
 const FLUX: usize = 6;
 /// The one that may be missing.
 const WAVELENGTH: usize = 7;
-/// The column that is written alone.
-const RAY_ID: usize = 8;
-/// Rays that are read or written at once.
+/// Rays that are read at once.
 const BLOCK: u64 = 1 << 14;
 /// Longest header of an array that is read \[bytes\].
 const MAX_HEADER: u64 = 1 << 16;
-/// A member of an archive from this size on needs a header of its own kind \[bytes\].
-const LARGE: u64 = u32::MAX as u64 - (1 << 16);
 const REMEDY: &str = "a column is an uncompressed array of f8 of shape (n,), as numpy.savez writes it";
 
 /// Bytes of a number.
@@ -152,79 +147,4 @@ impl Columns {
 fn f64_at(bytes: &[u8], at: usize) -> f64 {
     let [low, high] = [at, at + 4].map(|at| u64::from(u32::from_le_bytes(word(bytes, at))));
     f64::from_bits(low | high << 32)
-}
-
-/// Writes rays under the names of a ray database, with their numbers from 0 on as ids.
-///
-/// A column is written as a whole, so `read` is asked for all ranges of rays nine times: it replaces what the
-/// vector holds. Equal rays are equal files. Without `has_wavelengths` there is no such column.
-///
-/// # Errors
-/// Those of `read`, and if a ray lacks its wavelength or the file cannot be written.
-pub fn write_npz<W: Write + Seek>(
-    writer: W,
-    num_rays: u64,
-    has_wavelengths: bool,
-    mut read: impl FnMut(Range<u64>, &mut Vec<Ray>) -> Result<()>,
-) -> Result<W> {
-    let unwritten = |error: &dyn std::fmt::Display| {
-        Error::new("the archive", error.to_string(), "see that the disk works and has room")
-    };
-    let mut archive = ZipWriter::new(BufWriter::with_capacity(1 << 16, writer));
-    let columns = NAMES.iter().enumerate().filter(|(index, _)| *index != WAVELENGTH || has_wavelengths);
-    for (index, name) in columns.chain([(RAY_ID, &"ray_id")]) {
-        // A database without rays has one flux and one wavelength of 0.
-        let num_fillers = u64::from(num_rays == 0 && (index == FLUX || index == WAVELENGTH));
-        let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored);
-        let options = options.large_file(num_rays.saturating_mul(ITEM) >= LARGE);
-        archive.start_file(format!("{name}.npy"), options).map_err(|error| unwritten(&error))?;
-        let mut bytes = npy_header(if index == RAY_ID { "<u8" } else { "<f8" }, num_rays + num_fillers);
-        bytes.resize(bytes.len() + (num_fillers * ITEM) as usize, 0);
-        archive.write_all(&bytes).map_err(|error| unwritten(&error))?;
-        let mut rays = Vec::new();
-        for first in (0..num_rays).step_by(BLOCK as usize) {
-            let range = first..num_rays.min(first + BLOCK);
-            bytes.clear();
-            if index == RAY_ID {
-                range.for_each(|ray| bytes.extend(ray.to_le_bytes()));
-            } else {
-                read(range.clone(), &mut rays)?;
-                if rays.len() as u64 != range.end - first {
-                    let problem =
-                        format!("{} rays came where {} were asked for", rays.len(), range.end - first);
-                    return Err(Error::new(format!("ray {first}"), problem, "write as many as there are"));
-                }
-                for (number, ray) in range.zip(&rays) {
-                    bytes.extend(number_of(ray, index, number)?.to_le_bytes());
-                }
-            }
-            archive.write_all(&bytes).map_err(|error| unwritten(&error))?;
-        }
-    }
-    let buffer = archive.finish().map_err(|error| unwritten(&error))?;
-    buffer.into_inner().map_err(|error| unwritten(error.error()))
-}
-
-/// What a ray has in a column.
-fn number_of(ray: &Ray, column: usize, number: u64) -> Result<f64> {
-    let remedy = "all rays of the file must have one, or none";
-    Ok(match column {
-        0..3 => ray.position[column],
-        3..6 => ray.direction[column - 3],
-        FLUX => ray.flux,
-        _ => ray
-            .wavelength
-            .ok_or_else(|| Error::new(format!("ray {number}"), "it has no wavelength", remedy))?,
-    })
-}
-
-/// The header of format 1.0, padded so that the data starts at a multiple of 64.
-fn npy_header(descr: &str, count: u64) -> Vec<u8> {
-    const PREFIX: usize = 10;
-    let dictionary = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({count},), }}");
-    let length = (PREFIX + dictionary.len() + 1).next_multiple_of(64) - PREFIX;
-    let mut header = b"\x93NUMPY\x01\x00".to_vec();
-    header.extend((length as u16).to_le_bytes());
-    header.extend(format!("{dictionary:<width$}\n", width = length - 1).into_bytes());
-    header
 }

@@ -136,7 +136,7 @@ fn all<R: Read + Seek>(file: &mut RayFile<R>) -> Result<Vec<Ray>> {
     file.for_each(|index, ray| {
         assert_eq!(index, rays.len() as u64);
         rays.push(*ray);
-        Ok(())
+        Ok::<(), Error>(())
     })?;
     Ok(rays)
 }
@@ -556,24 +556,43 @@ fn rays_that_tm25_cannot_hold_are_refused() {
     assert_eq!(open(writer.finish().unwrap().get_ref(), "").unwrap().header().num_rays, 1);
 }
 
-fn written_npz(rays: &[Ray]) -> Result<Vec<u8>> {
-    let has_wavelengths = rays.first().is_none_or(|ray| ray.wavelength.is_some());
-    let writer = write_npz(Cursor::new(Vec::new()), rays.len() as u64, has_wavelengths, |range, block| {
-        block.clear();
-        block.extend(&rays[range.start as usize..range.end as usize]);
-        Ok(())
-    })?;
-    Ok(writer.into_inner())
+/// The columns that a trace writes of rays.
+fn columns_of(rays: &[Ray]) -> Vec<u8> {
+    let header =
+        |count: usize| format!("{{'descr': '<f8', 'fortran_order': False, 'shape': ({count},), }}\n");
+    let column = |name, number: &dyn Fn(&Ray) -> f64| {
+        let mut numbers: Vec<f64> = rays.iter().map(number).collect();
+        // A database without rays has one flux and one wavelength of 0.
+        if rays.is_empty() && matches!(name, "flux" | "wavelength") {
+            numbers.push(0.0);
+        }
+        let bytes = numbers.iter().flat_map(|number| number.to_le_bytes()).collect::<Vec<u8>>();
+        (name, header(numbers.len()), bytes)
+    };
+    let mut columns = vec![
+        column("x", &|ray| ray.position[0]),
+        column("y", &|ray| ray.position[1]),
+        column("z", &|ray| ray.position[2]),
+        column("L", &|ray| ray.direction[0]),
+        column("M", &|ray| ray.direction[1]),
+        column("N", &|ray| ray.direction[2]),
+        column("flux", &|ray| ray.flux),
+    ];
+    if rays.iter().all(|ray| ray.wavelength.is_some()) {
+        columns.push(column("wavelength", &|ray| ray.wavelength.unwrap()));
+    }
+    npz(&columns
+        .iter()
+        .map(|(name, header, bytes)| (*name, header.as_str(), bytes.clone()))
+        .collect::<Vec<_>>())
 }
 
 #[test]
-fn what_is_written_as_npz_comes_back_to_the_bit() {
+fn columns_of_a_ray_database_come_back_to_the_bit() {
     for has_wavelengths in [false, true] {
         for num_rays in [0, 1, 20_000] {
             let rays = many(num_rays, has_wavelengths);
-            let bytes = written_npz(&rays).unwrap();
-            assert_eq!(bytes, written_npz(&rays).unwrap());
-            let mut file = open(&bytes, "out.npz").unwrap();
+            let mut file = open(&columns_of(&rays), "out.npz").unwrap();
             let read = all(&mut file).unwrap();
             // Directions are made to have length 1 once more.
             assert_near(&read, &rays);
@@ -583,9 +602,6 @@ fn what_is_written_as_npz_comes_back_to_the_bit() {
             assert!(read.iter().zip(&rays).all(same));
         }
     }
-    let mut rays = many(3, true);
-    rays[1].wavelength = None;
-    assert_eq!(written_npz(&rays).unwrap_err().problem, "it has no wavelength");
 }
 
 #[test]
@@ -610,7 +626,7 @@ fn any_range_is_read_at_any_time() {
     rays.iter().try_for_each(|ray| writer.push(ray)).unwrap();
     let tm25 = writer.finish().unwrap().into_inner();
     for (bytes, name) in
-        [(text.into_bytes(), "lamp.txt"), (written_npz(&rays).unwrap(), "lamp.npz"), (tm25, "lamp.tm25ray")]
+        [(text.into_bytes(), "lamp.txt"), (columns_of(&rays), "lamp.npz"), (tm25, "lamp.tm25ray")]
     {
         let mut file = open(&bytes, name).unwrap();
         let mut read = Vec::new();

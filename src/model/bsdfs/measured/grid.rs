@@ -39,22 +39,26 @@ pub(super) struct Grid {
 }
 
 impl Grid {
-    /// Refuses what is no table; `at` gives the place of a key.
-    pub fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
+    /// The table that is traced. Refuses what is none; `at` gives the place of a key.
+    pub fn table(&self, at: &dyn Fn(&str) -> String) -> Result<MeasuredTable> {
         check_angles(&at("angle_of_incidence_deg"), &self.incidence, 90.0)?;
         check_angles(&at("scatter_azimuth_deg"), &self.azimuth, TURN)?;
         check_angles(&at("scatter_radial_deg"), &self.radial, 180.0)?;
         if self.radial[0] != 0.0 || self.radial.len() < 2 {
             let problem = "the angles from the specular direction are no range that begins there";
-            return checks::refuse(
-                at("scatter_radial_deg"),
-                problem,
-                "give at least two angles, the first one 0",
-            );
+            let remedy = "give at least two angles, the first one 0";
+            return Err(Error::scene(at("scatter_radial_deg"), problem, remedy));
         }
-        self.closing(&at("scatter_azimuth_deg"))?;
+        let closing = self.closing(&at("scatter_azimuth_deg"))?;
         self.check_values(&at("values"))?;
-        self.check_tis(&at("tis"))
+        if let Some(tis) = &self.tis {
+            check_count(&at("tis"), tis.len(), self.incidence.len(), "angles of incidence")?;
+        }
+        let rows = 0..self.incidence.len();
+        Ok(MeasuredTable {
+            transmits: self.scatter_type == ScatterType::Transmitted,
+            rows: rows.map(|i| self.row(i, closing, &at("tis"))).collect::<Result<_>>()?,
+        })
     }
 
     fn check_values(&self, place: &str) -> Result<()> {
@@ -75,20 +79,25 @@ impl Grid {
         if is_dark { checks::refuse(place, "the table scatters nothing", remedy) } else { Ok(()) }
     }
 
-    fn check_tis(&self, place: &str) -> Result<()> {
-        let Some(tis) = &self.tis else { return Ok(()) };
-        check_count(place, tis.len(), self.incidence.len(), "angles of incidence")?;
-        for (i, share) in tis.iter().enumerate() {
+    /// What was measured at an angle of incidence, with the energy that is stated. `place` is where the shares stand.
+    fn row(&self, i: usize, closing: Closing, place: &str) -> Result<MeasuredRow> {
+        let (incidence_deg, mut values) = (self.incidence[i], self.around(i, closing));
+        let measured = within_hemisphere(&values, incidence_deg);
+        let stated = self.tis.as_ref().map(|tis| tis[i]);
+        if let Some(share) = stated {
             let place = format!("{place}[{i}]");
-            checks::between(place.clone(), *share, 0.0, MAX_VALUE)?;
-            let (row, incidence) = (self.row(i), self.incidence[i]);
-            if *share > 0.0 && within_hemisphere(&row, incidence) <= 0.0 {
+            checks::between(place.clone(), share, 0.0, MAX_VALUE)?;
+            if share > 0.0 && measured <= 0.0 {
                 let problem =
-                    format!("{share} of the light scatters, and the values at {incidence} degrees are 0");
-                return checks::refuse(place, problem, "give the values, or a share of 0");
+                    format!("{share} of the light scatters, and the values at {incidence_deg} degrees are 0");
+                return Err(Error::scene(place, problem, "give the values, or a share of 0"));
             }
         }
-        Ok(())
+        let scattered = stated.unwrap_or(measured);
+        if measured > 0.0 {
+            values.rows.iter_mut().flatten().for_each(|value| *value *= scattered / measured);
+        }
+        Ok(MeasuredRow { incidence_deg, values, scattered, measured })
     }
 
     /// How the azimuths go on to a full turn.
@@ -114,68 +123,44 @@ impl Grid {
         }
     }
 
-    /// What was measured at an angle of incidence, all around the specular direction.
-    fn row(&self, i: usize) -> PolarTable {
+    /// The values at an angle of incidence, all around the specular direction.
+    fn around(&self, i: usize, closing: Closing) -> PolarTable {
         let mut planes: Vec<(f64, Vec<f64>)> =
             self.azimuth.iter().copied().zip(self.values[i].iter().cloned()).collect();
-        match self.closing("") {
-            Ok(Closing::Alike | Closing::First) => planes.push((TURN, planes[0].1.clone())),
-            Ok(Closing::Mirrored) => {
+        match closing {
+            Closing::Alike | Closing::First => planes.push((TURN, planes[0].1.clone())),
+            Closing::Mirrored => {
                 let images: Vec<_> =
                     planes.iter().rev().skip(1).map(|(angle, row)| (TURN - angle, row.clone())).collect();
                 planes.extend(images);
             }
-            Ok(Closing::Closed) | Err(_) => {}
+            Closing::Closed => {}
         }
         let (azimuth, rows) = planes.into_iter().map(|(angle, row)| (angle.to_radians(), row)).unzip();
         let polar = self.radial.iter().map(|angle| angle.to_radians()).collect();
         PolarTable { polar, azimuth, rows }
     }
 
-    /// The table that is traced.
-    pub fn table(&self) -> MeasuredTable {
-        let tis = |i: usize| self.tis.as_ref().map(|tis| tis[i]);
-        let rows = 0..self.incidence.len();
-        MeasuredTable {
-            transmits: self.scatter_type == ScatterType::Transmitted,
-            rows: rows.map(|i| MeasuredRow::new(self.incidence[i], self.row(i), tis(i))).collect(),
-        }
-    }
-
-    /// What the user should know: light beyond the radial angles, and shares that the values do not add up to.
-    pub fn warnings(&self, name: &str) -> Vec<String> {
-        /// Shares that differ by more deserve a word.
-        const NOTICED: f64 = 0.05;
+    /// What the user should know of light beyond the radial angles.
+    pub fn warning(&self, name: &str) -> Option<String> {
         /// A share of the brightest value that a cut leaves.
         const CUT: f64 = 0.01;
-        let name = quoted(name);
-        let mut warnings = Vec::new();
         let largest = self.values.iter().flatten().flatten().copied().fold(0.0, f64::max);
         let at_end = self.values.iter().flatten().filter_map(|row| row.last().copied()).fold(0.0, f64::max);
         let last = self.radial[self.radial.len() - 1];
-        if last < 90.0 && at_end > CUT * largest {
-            warnings.push(format!(
-                "the BSDF of {name} ends {last} degrees from the specular direction, where it is still {:.2} % of its largest \
+        (last < 90.0 && at_end > CUT * largest).then(|| {
+            format!(
+                "the BSDF of {} ends {last} degrees from the specular direction, where it is still {:.2} % of its largest \
                  value; beyond it is 0",
+                quoted(name),
                 100.0 * at_end / largest
-            ));
-        }
-        for (i, stated) in self.tis.iter().flatten().enumerate() {
-            let own = within_hemisphere(&self.row(i), self.incidence[i]);
-            if (own - stated).abs() > NOTICED * stated {
-                warnings.push(format!(
-                    "the values of {name} at an incidence of {} degrees add up to {own:.4}, and its TIS says {stated:.4}: the TIS \
-                     counts",
-                    self.incidence[i]
-                ));
-                break;
-            }
-        }
-        warnings
+            )
+        })
     }
 }
 
 /// How azimuths go on to a full turn.
+#[derive(Clone, Copy)]
 enum Closing {
     /// One stands for all.
     Alike,

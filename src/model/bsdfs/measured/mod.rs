@@ -83,9 +83,13 @@ impl WrittenBsdf for Written {
     }
 
     fn bsdf(&self, surface: &Labelled<'_>, reading: &mut BsdfContext<'_>) -> Result<Bsdf> {
-        let grid = self.grid(surface.place, reading.folder)?;
-        reading.warnings.extend(grid.warnings(surface.name));
-        let table = Arc::new(grid.table());
+        let place = surface.place;
+        let grid = self.grid(place, reading.folder)?;
+        let table = Arc::new(match &self.path {
+            Some(_) => grid.table(&|key| format!("{}, {key}", key_of(place, "path")))?,
+            None => grid.table(&|key| key_of(place, key))?,
+        });
+        reading.warnings.extend(grid.warning(surface.name));
         if table.numbers(1.0).len() > MAX_NUMBERS {
             let problem = "the table has too many angles";
             return Err(Error::scene(surface.place, problem, "give fewer radial angles or azimuths"));
@@ -103,18 +107,14 @@ impl Written {
             (Some(path), None, None, None, None) if self.tis.is_none() && self.scatter_type.is_none() => {
                 from_file(&key_of(place, "path"), path, folder)
             }
-            (None, Some(incidence), Some(azimuth), Some(radial), Some(values)) => {
-                let grid = Grid {
-                    scatter_type: self.scatter_type.unwrap_or_default(),
-                    incidence: incidence.clone(),
-                    azimuth: azimuth.clone(),
-                    radial: radial.clone(),
-                    values: values.clone(),
-                    tis: self.tis.clone(),
-                };
-                grid.check(&|key| key_of(place, key))?;
-                Ok(grid)
-            }
+            (None, Some(incidence), Some(azimuth), Some(radial), Some(values)) => Ok(Grid {
+                scatter_type: self.scatter_type.unwrap_or_default(),
+                incidence: incidence.clone(),
+                azimuth: azimuth.clone(),
+                radial: radial.clone(),
+                values: values.clone(),
+                tis: self.tis.clone(),
+            }),
             _ => Err(Error::scene(
                 place,
                 "a measured BSDF needs either `path` alone, or all of `angle_of_incidence_deg`, `scatter_azimuth_deg`, \
@@ -139,9 +139,7 @@ fn from_file(place: &str, path: &str, folder: &Path) -> Result<Grid> {
         _ => return Err(problem("the name does not end in .bsdf or .csv".into())),
     };
     let bytes = whole_files::read(&full, MAX_FILE_BYTES).map_err(|err| problem(err.to_string()))?;
-    let grid = parse(place, &whole_files::text(&bytes))?;
-    grid.check(&|key| format!("{place}, {key}"))?;
-    Ok(grid)
+    parse(place, &whole_files::text(&bytes))
 }
 
 impl Scattering for Measured {

@@ -1,7 +1,6 @@
 //! The table that is traced: what was measured at each angle of incidence, with the energy that it has.
 
 use crate::model::PolarTable;
-use crate::model::bsdfs::measured::hemisphere::within_hemisphere;
 use crate::model::place::quoted;
 
 /// Values of a BSDF about the specular direction.
@@ -22,18 +21,8 @@ pub struct MeasuredRow {
     pub values: PolarTable,
     /// The share of the light that scatters: the integral of the BSDF times the cosine over the hemisphere.
     pub scattered: f64,
-}
-
-impl MeasuredRow {
-    /// `tis` is the share that the file states.
-    pub(super) fn new(incidence_deg: f64, mut values: PolarTable, tis: Option<f64>) -> Self {
-        let own = within_hemisphere(&values, incidence_deg);
-        let scattered = tis.unwrap_or(own);
-        if own > 0.0 {
-            values.rows.iter_mut().flatten().for_each(|value| *value *= scattered / own);
-        }
-        MeasuredRow { incidence_deg, values, scattered }
-    }
+    /// What that integral was before the values were scaled to a share that the file states.
+    pub measured: f64,
 }
 
 impl MeasuredTable {
@@ -64,12 +53,22 @@ impl MeasuredTable {
         numbers
     }
 
-    /// What the user should know: angles of incidence that were not measured, and rows that give more light than they get.
+    /// What the user should know: shares that the values do not add up to, angles of incidence that were not measured, and rows that
+    /// give more light than they get.
     pub(super) fn warnings(&self, name: &str) -> Vec<String> {
         /// Measured tables exceed 1 by their own errors.
         const TOLERANCE: f64 = 1e-3;
+        /// Shares that differ by more deserve a word.
+        const NOTICED: f64 = 0.05;
         let name = quoted(name);
         let mut warnings = Vec::new();
+        let differs = |row: &&MeasuredRow| (row.measured - row.scattered).abs() > NOTICED * row.scattered;
+        if let Some(MeasuredRow { incidence_deg, scattered, measured, .. }) = self.rows.iter().find(differs) {
+            warnings.push(format!(
+                "the values of {name} at an incidence of {incidence_deg} degrees add up to {measured:.4}, and its TIS says \
+                 {scattered:.4}: the TIS counts"
+            ));
+        }
         let (first, last) = (self.rows[0].incidence_deg, self.rows[self.rows.len() - 1].incidence_deg);
         if self.rows.len() > 1 && (first > 0.0 || last < 90.0) {
             warnings.push(format!(

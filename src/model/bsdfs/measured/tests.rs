@@ -1,4 +1,5 @@
 use super::*;
+use crate::random::Draw;
 use std::f64::consts::PI;
 
 fn written(text: serde_json::Value) -> Result<(MeasuredTable, Vec<String>)> {
@@ -58,7 +59,7 @@ fn both_files_say_the_same() {
     let of_csv = csv::parse("p", &lines.join("\n")).unwrap();
     assert_eq!(of_zemax.values, of_csv.values);
     assert_eq!((of_zemax.tis.clone(), of_csv.tis), (Some(vec![0.1, 0.2]), None));
-    let table = of_zemax.table();
+    let table = of_zemax.table(&|key| key.to_owned()).unwrap();
     assert_eq!(table.rows[1].values.azimuth.len(), 5);
     assert_eq!(table.rows[1].values.rows[4], table.rows[1].values.rows[0]);
 }
@@ -80,7 +81,7 @@ fn files_are_refused_by_line_and_cure() {
     for (before, after, place, cure) in broken {
         let text = ZEMAX.replacen(before, after, 1);
         assert_ne!(text, ZEMAX, "{before}");
-        let read = zemax::parse("p", &text).and_then(|grid| grid.check(&|key| format!("p, {key}")));
+        let read = zemax::parse("p", &text).and_then(|grid| grid.table(&|key| format!("p, {key}")));
         let error = read.unwrap_err().to_string();
         assert!(error.contains(place) && error.contains(cure), "{before} -> {after}: {error}");
     }
@@ -108,26 +109,22 @@ fn files_are_refused_by_line_and_cure() {
 fn no_file_breaks_the_reader() {
     let csv =
         "angle_of_incidence_deg,scatter_azimuth_deg,scatter_radial_deg,bsdf\n0,0,0,1\n0,0,10,0.5 # last\n";
-    let mut state = 1_u64;
-    let mut next = |below: usize| {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 33) as usize % below
-    };
+    let mut dice = Draw::new(1);
     for (text, parse) in [(ZEMAX, zemax::parse as fn(&str, &str) -> Result<Grid>), (csv, csv::parse)] {
         let mut num_read = 0;
         for _ in 0..2000 {
             let mut bytes = text.as_bytes().to_vec();
-            for _ in 0..1 + next(3) {
-                let at = next(bytes.len().max(1)).min(bytes.len().saturating_sub(1));
-                match next(3) {
-                    0 => bytes[at] = b"0123456789.-e#, \n\tXT"[next(20)],
+            for _ in 0..1 + dice.roll(3) {
+                let at = dice.roll(bytes.len().max(1)).min(bytes.len().saturating_sub(1));
+                match dice.roll(3) {
+                    0 => bytes[at] = b"0123456789.-e#, \n\tXT"[dice.roll(20)],
                     1 => drop(bytes.remove(at)),
                     _ => bytes.truncate(at + 1),
                 }
             }
             let read = parse("p", &String::from_utf8_lossy(&bytes));
-            if let Ok(grid) = read.and_then(|grid| grid.check(&|key| key.to_owned()).map(|()| grid)) {
-                let numbers = grid.table().numbers(1.0);
+            if let Ok(table) = read.and_then(|grid| grid.table(&|key| key.to_owned())) {
+                let numbers = table.numbers(1.0);
                 assert!(
                     numbers.iter().all(|number| number.is_finite()),
                     "{}",
