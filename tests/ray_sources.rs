@@ -10,6 +10,7 @@ mod zoo;
 
 use command::{run, stderr};
 use nsq_gpu::model::SceneIr;
+use nsq_gpu::model::sources::rays::MOST_RAYS;
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::DetectorData;
 use nsq_gpu::scene::ray_files::{FluxKind, Ray, RayFile, Tm25Labels, Tm25Writer, Wavelengths};
@@ -81,11 +82,17 @@ fn traced(ir: &SceneIr, num_rays: u64, precision: Precision) -> TraceResult {
     zoo::result(ir, &TraceOptions { min_flux_fraction: 0.0, ..zoo::options(num_rays, 5, precision) })
 }
 
-/// Pixels on a screen above the dome get the light of those rays of the file that go there: by wavelength, in every tier.
+/// Pixels on a screen above the dome get the light of those rays of the file that go there: by wavelength, in every tier. A large
+/// file stays on its disk.
 #[test]
 fn a_trace_launches_the_rays_of_the_file() {
+    launches_the_rays_of(5000);
+    launches_the_rays_of(MOST_RAYS as u32 + 5000);
+}
+
+fn launches_the_rays_of(num_in_file: u32) {
     let folder = tempfile::tempdir().unwrap();
-    let rays = dome(5000);
+    let rays = dome(num_in_file);
     write(&folder.path().join("dome.tm25ray"), &rays, Wavelengths::PerRay);
     let screen = json!([{"type": "spectral", "name": "screen", "cs": {"z": 10.0}, "width": 30.0, "height": 30.0,
         "num_pixels_x": 5, "num_pixels_y": 5, "num_bins": 2, "wl_min": 0.4, "wl_max": 0.65, "splat": "hard"}]);
@@ -172,6 +179,80 @@ fn a_chain_is_the_whole() {
     assert_eq!(written.header().wavelengths, Wavelengths::PerRay);
 }
 
+/// Rays of equal flux that are taken in order: each launches once, twice, and so on, whatever the batches are, and paths are found
+/// again.
+#[test]
+fn in_order_each_ray_is_taken_as_often() {
+    let folder = tempfile::tempdir().unwrap();
+    let rays: Vec<Ray> = dome(6000).into_iter().map(|ray| Ray { flux: 0.5, ..ray }).collect();
+    write(&folder.path().join("dome.tm25ray"), &rays, Wavelengths::PerRay);
+    let screen = json!([{"type": "spectral", "name": "screen", "cs": {"z": 10.0}, "width": 30.0, "height": 30.0,
+        "num_pixels_x": 5, "num_pixels_y": 5, "num_bins": 2, "wl_min": 0.4, "wl_max": 0.65, "splat": "hard"}]);
+    let source = json!({"file": "dome.tm25ray", "order": "in_order"});
+    let ir = lowered(folder.path(), &scene(&source, &screen));
+    let mut expected = vec![0_u64; 50];
+    for ray in &rays {
+        let path = (10.0 - ray.position[2]) / ray.direction[2];
+        let cell = [0, 1].map(|axis| (ray.position[axis] + path * ray.direction[axis] + 15.0) / 6.0);
+        if path > 0.0 && cell.iter().all(|x| (0.0..5.0).contains(x)) {
+            let [i, j] = cell.map(|x| x as usize);
+            expected[2 * (5 * j + i) + usize::from(ray.wavelength == Some(0.6))] += 1;
+        }
+    }
+    for (num_turns, batch_size) in [(1, None), (1, Some(700)), (3, Some(4096))] {
+        let options =
+            TraceOptions { batch_size, ..zoo::options(num_turns * rays.len() as u64, 3, Precision::F64) };
+        let tally = zoo::trace(&ir, &options);
+        let of_ray = tally.launched.quanta / u128::from(options.num_rays);
+        let found: Vec<u64> =
+            tally.detectors[0].quanta.iter().map(|quanta| (quanta / of_ray) as u64).collect();
+        let all: Vec<u64> = expected.iter().map(|count| num_turns * count).collect();
+        assert_eq!(found, all, "{num_turns} times, by {batch_size:?}");
+    }
+}
+
+/// Light by its path: a ray of each path is traced again, from a list of rays that the host uploads anew.
+#[test]
+fn paths_of_streamed_rays_are_found_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let rays: Vec<Ray> = dome(3000).into_iter().map(|ray| Ray { flux: 0.5, ..ray }).collect();
+    write(&folder.path().join("dome.tm25ray"), &rays, Wavelengths::PerRay);
+    let mut behind = scene(
+        &json!({"file": "dome.tm25ray", "order": "in_order"}),
+        &json!([{"type": "irradiance", "name": "screen", "cs": {"z": 60.0}, "width": 80.0, "height": 80.0}]),
+    );
+    behind["components"] = json!([{"type": "lens", "name": "L", "cs": {"z": 20.0}, "config": {"r1": 40.0, "r2": -60.0,
+        "thickness": 8.0, "front_aperture_radius": 15.0, "material": "N-BK7"}}]);
+    let path = folder.path().join("scene.json");
+    std::fs::write(&path, behind.to_string()).unwrap();
+    let out = run(&["paths", &path.display().to_string(), "-n", "60000", "--seed", "4", "--json"]);
+    assert!(out.status.success(), "{}", stderr(&out));
+    let table: Value = serde_json::from_slice(&out.stdout).unwrap();
+    let text = table.to_string();
+    assert!(text.contains("L.front") && text.contains("L.back"), "{text}");
+    assert!(!text.contains("not found"), "{text}");
+}
+
+/// A file that changes under a trace is not taken for the one that the scene was read with.
+#[test]
+fn a_file_that_changes_is_noticed() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("dome.tm25ray");
+    let rays = dome(MOST_RAYS as u32 + 1);
+    write(&file, &rays, Wavelengths::PerRay);
+    let screen =
+        json!([{"type": "irradiance", "name": "screen", "cs": {"z": 60.0}, "width": 80.0, "height": 80.0}]);
+    let ir = lowered(folder.path(), &scene(&json!({"file": "dome.tm25ray"}), &screen));
+    write(
+        &file,
+        &rays.iter().map(|ray| Ray { flux: 0.5 * ray.flux, ..*ray }).collect::<Vec<_>>(),
+        Wavelengths::PerRay,
+    );
+    let mut tracer = zoo::options(1000, 3, Precision::F32).tracer(zoo::gpu(), &ir).unwrap();
+    let error = tracer.trace(|_| true).unwrap_err().to_string();
+    assert!(error.contains("not those that were there when the scene was read"), "{error}");
+}
+
 #[test]
 fn what_cannot_be_is_named() {
     let folder = tempfile::tempdir().unwrap();
@@ -196,7 +277,11 @@ fn what_cannot_be_is_named() {
         (json!({"file": "text.tm25ray"}), "it does not begin with `TM25`"),
         (json!({"file": "dark.tm25ray"}), "no rays with light"),
         (json!({"file": "half.tm25ray"}), "say which of the two holds"),
-        (json!({"file": "dome.tm25ray", "order": "in_order"}), "unknown value \"in_order\""),
+        (
+            json!({"file": "dome.tm25ray", "order": "in_order"}),
+            "so all must have the same flux; ray 1 of the file has",
+        ),
+        (json!({"file": "dome.tm25ray", "order": "sorted"}), "unknown value \"sorted\""),
         (json!({"file": "dome.tm25ray", "scale": 0.0}), "scale"),
         (
             json!({"file": "dome.tm25ray", "spectrum": {"wavelengths": [0.45], "weights": [1.0]}}),

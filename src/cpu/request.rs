@@ -50,7 +50,8 @@ impl CpuShader {
         let is_weak = profile.is_some_and(path_log::media_absorb_weakly);
         let alone =
             CpuShader { deposit_log: Some(log.clone()), media_absorb_weakly: is_weak, ..Default::default() };
-        let Some(profile) = profile else { return alone };
+        // Rays that fail a guard are listed, and those that the host uploads are uploaded by range.
+        let Some(profile) = profile.filter(|_| !features.uploads_rays()) else { return alone };
         let Some(hot_path) = HotPath::of(ir, scene.centre, contacts, options, profile) else { return alone };
         let logged = LoggedScene { ir, cells, log: &log, options, features };
         let path_log = PathLog::of(&logged, &hot_path, profile);

@@ -23,6 +23,8 @@ pub(crate) struct DeviceState {
     pub(super) source: wgpu::Buffer,
     /// The uniforms of additions, by source ([`Program::uploads`]).
     pub(super) uploads: Vec<wgpu::Buffer>,
+    /// The tables of shapes and sources, where there are any. Rays of files are uploaded there.
+    pub(super) tables: Option<wgpu::Buffer>,
     pub(super) counts: wgpu::Buffer,
     pub(super) rng_table: wgpu::Buffer,
     pub(super) sums: DeviceSums,
@@ -128,6 +130,10 @@ impl DeviceState {
             range,
             source,
             uploads: uploads.into_iter().map(|(_, buffer)| buffer).collect(),
+            tables: constants
+                .into_iter()
+                .find(|(number, _)| *number == bindings::TABLES)
+                .map(|(_, buffer)| buffer),
             counts,
             rng_table,
             sums,

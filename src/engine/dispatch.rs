@@ -147,6 +147,24 @@ pub(super) fn write_range(device: &DeviceState, program: &Program, range: &RayRa
         queue.write_buffer(buffer, 0, &of_sources[range.source]);
     }
     queue.write_buffer(&device.range, 0, &program.range_bytes(range)?);
+    if program.streams_rays(range.source) && !program.additions.any(|addition| addition.lists_rays()) {
+        let ids: Vec<u64> = (range.first..range.first + u64::from(range.count)).collect();
+        write_streamed(device, program, range.source, &ids)?;
+    }
+    Ok(())
+}
+
+/// Uploads the rays of a source's file that rays with these ids begin with, for the next dispatch. Nothing is done for other
+/// sources.
+pub(crate) fn write_streamed(
+    device: &DeviceState,
+    program: &Program,
+    source: usize,
+    ids: &[u64],
+) -> Result<()> {
+    if let (Some(tables), Some((first_byte, rows))) = (&device.tables, program.streamed_rows(source, ids)?) {
+        device.gpu.queue.write_buffer(tables, first_byte, &rows);
+    }
     Ok(())
 }
 

@@ -1,6 +1,7 @@
 //! Finds the sequences of paths: traces one ray of each path again, by a program that reports what happens to the ray.
 
 use crate::engine::device::DeviceState;
+use crate::engine::dispatch::write_streamed;
 use crate::engine::dispatch_size::DispatchSize;
 use crate::engine::options::{Collect, TraceOptions};
 use crate::engine::pipeline_cache::Shaders;
@@ -105,6 +106,7 @@ impl PathReplay {
         let numbers: Vec<u64> = rays.iter().map(|(_, number)| *number).collect();
         queue.write_buffer(&self.ids, 0, bytemuck::cast_slice(&launched));
         queue.write_buffer(&self.ids, 8 * u64::from(self.again.plan.batch), bytemuck::cast_slice(&numbers));
+        write_streamed(&self.device, &self.again.plan.program, source, &launched)?;
         let span = RaySpan { first: 0, count: rays.len() as u64, source: source as u32 };
         let submissions = DispatchSize::new(self.again.plan.batch, 1, 1).submissions();
         let batch = Batch { rays: span.count, submissions };

@@ -23,6 +23,8 @@ const KEY_WORDS: usize = 3;
 /// How a scene's shader follows paths.
 #[derive(Debug)]
 pub(super) struct PathShader {
+    /// Some rays are those of files, and are uploaded.
+    uploads_rays: bool,
     sums: PathSums,
     filter: Option<Arc<PathFilter>>,
     is_guided: bool,
@@ -43,7 +45,7 @@ impl PathShader {
                 PathTableLayout::of_totals(scene.ir, sums.has_ends(), scene.constant_weights)
             }
         };
-        PathShader { sums, filter, is_guided, layout }
+        PathShader { sums, filter, is_guided, uploads_rays: scene.features.uploads_rays(), layout }
     }
 
     /// How the shader of a program follows paths.
@@ -57,7 +59,13 @@ impl ShaderAddition for PathShader {
     fn replaces(&self) -> Vec<(&'static str, ShaderFile)> {
         let of_sums: &[_] = match self.sums {
             PathSums::Events { .. } => &[
-                ("stages/ids", shader!("stages/ids.listed.wgsl")),
+                (
+                    "stages/ids",
+                    match self.uploads_rays {
+                        true => shader!("stages/ids.listed_uploaded.wgsl"),
+                        false => shader!("stages/ids.listed.wgsl"),
+                    },
+                ),
                 ("stages/launched", shader!("stages/launched.listed.wgsl")),
             ],
             PathSums::Maps(_) => &[("sums/replicates", shader!("sums/replicates.by_path.wgsl"))],
@@ -92,6 +100,10 @@ impl ShaderAddition for PathShader {
 
     fn counts_events_unread(&self) -> bool {
         self.sums.has_table()
+    }
+
+    fn lists_rays(&self) -> bool {
+        matches!(self.sums, PathSums::Events { .. })
     }
 }
 

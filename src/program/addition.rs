@@ -106,6 +106,11 @@ pub trait ShaderAddition: Debug + Any + Send + Sync {
         false
     }
 
+    /// True if the rays of a dispatch are those of a list. The addition then uploads the rays of files that they begin with.
+    fn lists_rays(&self) -> bool {
+        false
+    }
+
     /// True if deposits on detectors in passing are logged, and not added up by the device.
     fn logs_passes(&self) -> bool {
         false

@@ -16,6 +16,7 @@ use crate::program::layout::tables::Cells;
 use crate::program::layout::{bindings, rng, tables};
 use crate::program::options::{PathSampling, ProgramOptions, RayRange};
 use crate::program::parsed::Parsed;
+use crate::program::streams::Streams;
 use crate::program::wgsl::composition::Composition;
 use glam::DVec3;
 use std::ops::Deref;
@@ -54,6 +55,10 @@ pub struct Program {
     pub source_uniforms: Vec<Vec<u8>>,
     /// The uniforms of additions that a dispatch reads: the binding, and the contents by source.
     pub uploads: Vec<(u32, Vec<Vec<u8>>)>,
+    /// The rays of files that are uploaded for each dispatch.
+    pub(super) streams: Streams,
+    /// The seed of the draws.
+    pub(super) seed: u64,
     /// The words of step 0 of the random generator's table.
     first_step: [u32; 4],
 }
@@ -114,7 +119,8 @@ impl Program {
         let composition = Composition::of(&scene, &sums);
         let parsed = parse(composition.compose(&additions)?, scene.options.precision, &additions)?;
         let numbers = composition.numbers.bytes(&parsed.module)?;
-        let ProgramInput { options, features, splitting, centre, cells, constant_weights, .. } = scene;
+        let ProgramInput { options, features, splitting, centre, cells, places, constant_weights, .. } =
+            scene;
         let plain_entry_point = if features.splits { "trace_split" } else { "trace_new" };
         let mut program = Program {
             entry_point: additions.entry_point()?.unwrap_or(plain_entry_point),
@@ -132,21 +138,24 @@ impl Program {
             constant_weights,
             source_uniforms: Vec::new(),
             uploads: Vec::new(),
+            streams: Streams::of(ir, &places),
+            seed,
             first_step: [0; 4],
         };
         program.set_seed(seed);
         program.max_events_per_ray *= program.most_rays();
         program.max_events_per_ray += program.additions.rows_per_ray(program.options.max_depth);
-        program.buffers = program.pack(ir, &scene.contacts, &scene.facets, scene.tree.as_ref())?;
+        program.buffers = program.pack(ir, &places, &scene.contacts, &scene.facets, scene.tree.as_ref())?;
         program.buffers.extend(numbers.map(|bytes| (bindings::NUMBERS, bytes)));
         program.buffers.extend(program.trees(&scene.forest, &scene.triangles, scene.tree.as_ref())?);
-        program.source_uniforms = program.pack_sources(ir)?;
+        program.source_uniforms = program.pack_sources(ir, &places)?;
         Ok(program)
     }
 
     fn pack(
         &self,
         ir: &SceneIr,
+        places: &Places,
         contacts: &contact::Contacts,
         facets: &tables::FacetTable,
         tree: Option<&tree::PrimitiveTree>,
@@ -162,7 +171,7 @@ impl Program {
             buffers.push((bindings::REFLECTANCES, self.reflectances(ir)?));
         }
         if self.features.has_tables() {
-            buffers.push((bindings::TABLES, self.reals(Places::of(ir).numbers()?.into_iter())?));
+            buffers.push((bindings::TABLES, self.reals(places.numbers()?.iter().copied())?));
         }
         if self.features.reads_bins() {
             buffers.push((bindings::SPECTRAL_BINS, spectral_bins(ir)));
@@ -176,13 +185,13 @@ impl Program {
             tables.push(tables::medium_records(ir));
         }
         if !self.options.bakes_records() {
-            tables.push(tables::surface_records(ir, self.centre, &self.features));
+            tables.push(tables::surface_records(ir, self.centre, &self.features, places));
             tables.push(tables::detector_records(ir, self.centre, &self.cells));
         }
         if !self.options.baked {
             let has_records = tree.is_some_and(|tree| tree.records.is_some());
             let num = self.options.num_in_table(ir);
-            tables.extend((!has_records).then(|| tables::primitive_records(ir, self.centre, num)));
+            tables.extend((!has_records).then(|| tables::primitive_records(ir, self.centre, num, places)));
             tables.extend(contacts.any().then(|| tables::contact_records(ir, contacts, facets)));
         }
         for records in tables {
@@ -214,6 +223,7 @@ impl Program {
 
     /// Other draws, of the same shader: sets the random generator's table.
     pub fn set_seed(&mut self, seed: u64) -> &[u8] {
+        self.seed = seed;
         // A source may draw beyond the events of a ray.
         let source_steps = SourceFunction::ALL.iter().map(|name| name.wgsl().num_steps).fold(0, u32::max);
         let num_steps = (self.options.max_depth + source_steps) as usize;
@@ -223,11 +233,11 @@ impl Program {
         &self.rng_table
     }
 
-    fn pack_sources(&self, ir: &SceneIr) -> Result<Vec<Vec<u8>>> {
+    fn pack_sources(&self, ir: &SceneIr, places: &Places) -> Result<Vec<Vec<u8>>> {
         if ir.sources.len() == 1 {
             return Ok(Vec::new());
         }
-        let records = tables::source_records(ir, self.centre, &self.options.weights);
+        let records = tables::source_records(ir, self.centre, &self.options.weights, places);
         records.bytes_by_row(&self.module, self.options.precision)
     }
 
@@ -236,7 +246,7 @@ impl Program {
         self.splitting.map_or(1, |splitting| splitting.most_rays())
     }
 
-    fn reals(&self, values: impl Iterator<Item = f64>) -> Result<Vec<u8>> {
+    pub(super) fn reals(&self, values: impl Iterator<Item = f64>) -> Result<Vec<u8>> {
         let size = self.real_size();
         let mut bytes = Vec::new();
         for value in values {

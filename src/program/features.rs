@@ -175,6 +175,11 @@ impl Features {
         !self.detectors.contains(&function) && borrowers.iter().any(|other| self.detectors.contains(other))
     }
 
+    /// True if some source has rays that the host uploads before each dispatch.
+    pub fn uploads_rays(&self) -> bool {
+        self.sources.contains(&SourceFunction::StreamedRays)
+    }
+
     /// True if directions are drawn by tables over two angles.
     pub fn has_polar_tables(&self) -> bool {
         self.sources.contains(&SourceFunction::Tabulated) || self.bsdfs.contains(&BsdfKind::Measured)
@@ -187,6 +192,7 @@ impl Features {
             || self.aimed
             || self.sources.contains(&SourceFunction::Tabulated)
             || self.sources.contains(&SourceFunction::Rays)
+            || self.uploads_rays()
             || self.shapes.contains(&ShapeKind::Freeform)
             || self.tabulated_coatings
             || self.bsdfs.iter().any(|kind| kind.has_table())

@@ -12,6 +12,7 @@ pub mod parsed;
 mod prepare_input;
 #[allow(clippy::wildcard_enum_match_arm, reason = "of what naga has, it is refused what shaders do not use")]
 pub mod rewrite;
+mod streams;
 pub mod wgsl;
 
 pub use crate::model::Precision;

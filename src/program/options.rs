@@ -2,6 +2,7 @@
 
 use crate::model::{Precision, SceneIr};
 use crate::program::features::Features;
+use crate::program::layout::kind_tables::Places;
 use crate::program::layout::rng::Sampler;
 use crate::program::layout::row_table::RowTable;
 use crate::program::layout::tables;
@@ -129,9 +130,10 @@ impl ProgramOptions {
         ir: &SceneIr,
         centre: DVec3,
         primitives: &[u32],
+        places: &Places,
         num_others: usize,
     ) -> Option<RowTable> {
-        let records = tables::numbered_primitive_records(ir, centre, primitives);
+        let records = tables::numbered_primitive_records(ir, centre, primitives, places);
         let makes_reals = match self.precision {
             Precision::F32 => true,
             Precision::F64 => self.native,

@@ -45,12 +45,13 @@ impl<'a> ProgramInput<'a> {
         let triangles = mesh::Triangles::of(meshes, &mut forest);
         let contacts = Contacts::of(ir, centre, options.precision)?;
         let facets = FacetTable::of(ir, &contacts, &triangles);
+        let places = Places::of(ir);
         let tree = has_tree.then(|| {
             let boxes = tree::boxes(ir, centre, &contacts);
             let in_tree = options.tree_primitives(ir);
             let mut tree = tree::PrimitiveTree::of(&boxes[in_tree], &mut forest, meshes.len());
             let num_others = forest.num_rows() + triangles.num_rows();
-            tree.records = options.records_in_texels(ir, centre, tree.primitives(), num_others);
+            tree.records = options.records_in_texels(ir, centre, tree.primitives(), &places, num_others);
             tree
         });
         // Squares are sums that no count tells.
@@ -60,7 +61,7 @@ impl<'a> ProgramInput<'a> {
             && options.weights.iter().all(|weight| *weight == options.weights[0]);
         Ok(ProgramInput {
             ir,
-            places: Places::of(ir),
+            places,
             options,
             features,
             splitting,

@@ -705,7 +705,7 @@ fn rays_of_a_file(bench: &Bench) -> Outcome {
         shares: rays.iter().map(|ray| ray.2).collect(),
     };
     let of = |groups| {
-        let set = RaySet { sha256: "0".into(), scale: 1.0, groups };
+        let set = RaySet::held("0".into(), 1.0, groups);
         SourceKind::Rays(sources::Rays { set: Arc::new(set) })
     };
     let straight = [0.0, 0.0, 1.0];

@@ -14,7 +14,7 @@ use nsq_gpu::model::scatter_sampling::{Target, TargetShape};
 use nsq_gpu::model::shapes::aperture::{ApertureOutline, Axes};
 use nsq_gpu::model::shapes::freeform::Polynomial;
 use nsq_gpu::model::shapes::{Biconic, Freeform, SagSurface, Toroidal};
-use nsq_gpu::model::sources::rays::{RayGroup, RaySet};
+use nsq_gpu::model::sources::rays::{Bounds, Order, RayGroup, RaySet, RayStream, StreamedRay};
 use nsq_gpu::model::sources::{self, Aim};
 use nsq_gpu::model::{
     Annulus, Aperture, AsphereProfile, Bsdf, BsdfKind, BsdfTable, ClippedConic, Coating, CoatingRow,
@@ -162,7 +162,8 @@ fn source_after(name: SourceFunction) -> Option<SourceFunction> {
         SourceFunction::ExtendedDisk => Some(SourceFunction::Pupil),
         SourceFunction::Pupil => Some(SourceFunction::Tabulated),
         SourceFunction::Tabulated => Some(SourceFunction::Rays),
-        SourceFunction::Rays => None,
+        SourceFunction::Rays => Some(SourceFunction::StreamedRays),
+        SourceFunction::StreamedRays => None,
     }
 }
 
@@ -817,6 +818,21 @@ fn tetrahedron() -> Mesh {
     Mesh { vertices, faces: vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]] }
 }
 
+/// Rays that are uploaded, all of them the same.
+#[derive(Debug)]
+struct Streamed;
+
+impl RayStream for Streamed {
+    fn rays(&self, _: u64, ids: &[u64], _: &dyn Fn(u64) -> u64) -> nsq_gpu::Result<Vec<StreamedRay>> {
+        let ray = StreamedRay { wavelength: None, position: [0.5, 0.0, 1.0], direction: [0.0, 0.0, 1.0] };
+        Ok(vec![ray; ids.len()])
+    }
+
+    fn order(&self) -> Order {
+        Order::Drawn
+    }
+}
+
 /// A source that its function emits.
 pub fn source_of(name: SourceFunction) -> SourceKind {
     let rectangle = Outline::Rectangle { width: 3.0, height: 4.0 };
@@ -850,7 +866,11 @@ pub fn source_of(name: SourceFunction) -> SourceKind {
                 directions: vec![[0.0, 0.0, 1.0], [0.6, 0.0, 0.8]],
                 shares: vec![0.5, 0.25],
             };
-            let set = RaySet { sha256: "0".into(), scale: 1.0, groups: vec![group] };
+            let set = RaySet::held("0".into(), 1.0, vec![group]);
+            SourceKind::Rays(sources::Rays { set: set.into() })
+        }
+        SourceFunction::StreamedRays => {
+            let set = RaySet::streamed("0".into(), 1.0, Arc::new(Streamed), Bounds::default());
             SourceKind::Rays(sources::Rays { set: set.into() })
         }
         SourceFunction::Pupil => SourceKind::Pupil(Pupil {

@@ -8,6 +8,7 @@ use crate::cpu::request::CpuShader;
 use crate::error::{Error, Result};
 use crate::model::shapes::Normal;
 use crate::model::{Frame, Shape};
+use crate::program::input::ProgramInput;
 use crate::program::layout::tables;
 use crate::program::wgsl::composition::Composition;
 use crate::shaders::{ShaderFile, shader};
@@ -205,8 +206,8 @@ impl Stages<'_> {
     /// An event of the path on a surface.
     fn meeting(&self, step: usize, event: &HotPathEvent) -> Result<String> {
         let primitive = event.primitive;
-        let surfaces =
-            tables::surface_records(self.composition.ir, self.composition.centre, &self.composition.features);
+        let scene: &ProgramInput = self.composition;
+        let surfaces = tables::surface_records(scene.ir, scene.centre, &scene.features, &scene.places);
         let surface = surfaces.row(&self.composition.numbers, primitive)?;
         let (does, how) = match event.crossing {
             Some(Crossing { entering_back, reflected }) => {

@@ -40,7 +40,7 @@ kinds! {
     /// A lamp by a table of its intensity.
     Tabulated(tabulated::Tabulated) by Tabulated = TABULATED;
     /// Rays of a file.
-    Rays(rays::Rays) by Rays = RAYS;
+    Rays(rays::Rays) by Rays = RAYS, StreamedRays = STREAMED_RAYS;
 }
 
 /// Makes what scene files have of a source: the keys of all sources around its own.

@@ -1,7 +1,10 @@
 //! Rays of a file: those that a maker measured of a lamp, or that another trace recorded.
 //!
 //! A ray of the trace takes one of the file's, drawn by its share of the light. Draws are independent, so that standard errors of
-//! the draw hold; the file's rays in turn would be too even for them. The file's own noise is in no standard error.
+//! the draw hold. The file's own noise is in no standard error.
+//!
+//! The rays of a small file lie in a table of the shader, which draws from it. A large file stays on its disk: before each
+//! dispatch, the host draws the file's rays that the dispatch begins with, and uploads them.
 
 use crate::Result;
 use crate::model::checks;
@@ -18,8 +21,18 @@ use std::sync::Arc;
 /// Its function.
 pub const RAYS: SourceWgsl = SourceWgsl { name: "rays", file: shader!("sources/rays.wgsl"), num_steps: 1 };
 
+/// The function of rays that the host uploads.
+pub const STREAMED_RAYS: SourceWgsl =
+    SourceWgsl { name: "streamed_rays", file: shader!("sources/streamed_rays.wgsl"), num_steps: 1 };
+
 /// Most rays of a file that are held, all wavelengths together: the shader's table has places for so many.
 pub const MOST_RAYS: usize = (1 << 20) - 1;
+
+/// Most rays that the host uploads for a dispatch.
+pub const MOST_UPLOADED: u32 = 1 << 18;
+
+/// Numbers of an uploaded ray: the number of its wavelength in the scene or -1, position and direction.
+pub const UPLOADED_NUMBERS: usize = 7;
 
 /// Rays of a file.
 #[derive(Debug, Clone, PartialEq)]
@@ -28,15 +41,61 @@ pub struct Rays {
     pub set: Arc<RaySet>,
 }
 
-/// The rays that a file holds, by wavelength.
-#[derive(Clone, PartialEq)]
+/// The rays that a file holds.
+#[derive(Clone)]
 pub struct RaySet {
     /// The file's hash.
     pub sha256: String,
     /// What lengths were multiplied by.
     pub scale: f64,
-    /// Rays of one wavelength each; or one group, of all wavelengths.
-    pub groups: Vec<RayGroup>,
+    /// Where they are.
+    pub rays: FileRays,
+    /// Where they begin, and where they go.
+    bounds: Bounds,
+}
+
+/// Where the rays of a file are.
+#[derive(Clone)]
+pub enum FileRays {
+    /// In memory: rays of one wavelength each; or one group, of all wavelengths.
+    Held(Vec<RayGroup>),
+    /// In the file.
+    Streamed(Arc<dyn RayStream>),
+}
+
+/// Rays that stay in their file until a dispatch begins with them.
+pub trait RayStream: fmt::Debug + Send + Sync {
+    /// The file's rays that rays of the trace begin with, one for each id. `draw` gives 64 random bits for an id, which depend on
+    /// the seed.
+    ///
+    /// # Errors
+    /// If the file can no longer be read, or is another one by now.
+    fn rays(&self, seed: u64, ids: &[u64], draw: &dyn Fn(u64) -> u64) -> Result<Vec<StreamedRay>>;
+
+    /// How rays are taken.
+    fn order(&self) -> Order;
+}
+
+/// A ray of a file, as a source begins with it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StreamedRay {
+    /// Its wavelength, of those that the source lists \[um\]; none if it has none of its own.
+    pub wavelength: Option<f64>,
+    /// Start point in the source's frame \[mm\].
+    pub position: [f64; 3],
+    /// Unit direction.
+    pub direction: [f64; 3],
+}
+
+/// What contains all rays of a file.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Bounds {
+    /// The largest distance of a start point from the axis \[mm\].
+    radius: f64,
+    /// The lowest and the highest start point, or 0 \[mm\].
+    heights: [f64; 2],
+    /// The largest angle of a direction with the axis \[rad\].
+    half_angle: f64,
 }
 
 /// Rays of one wavelength.
@@ -52,11 +111,53 @@ pub struct RayGroup {
     pub shares: Vec<f64>,
 }
 
+impl Bounds {
+    /// Takes in a ray.
+    pub fn add(&mut self, [x, y, z]: [f64; 3], [l, m, n]: [f64; 3]) {
+        self.radius = self.radius.max(x.hypot(y));
+        self.heights = [self.heights[0].min(z), self.heights[1].max(z)];
+        self.half_angle = self.half_angle.max(l.hypot(m).atan2(n));
+    }
+}
+
+impl RaySet {
+    /// Rays in memory.
+    pub fn held(sha256: String, scale: f64, groups: Vec<RayGroup>) -> Self {
+        let mut bounds = Bounds::default();
+        for group in &groups {
+            group.positions.iter().zip(&group.directions).for_each(|(p, d)| bounds.add(*p, *d));
+        }
+        RaySet { sha256, scale, rays: FileRays::Held(groups), bounds }
+    }
+
+    /// Rays that stay in their file.
+    pub fn streamed(sha256: String, scale: f64, stream: Arc<dyn RayStream>, bounds: Bounds) -> Self {
+        RaySet { sha256, scale, rays: FileRays::Streamed(stream), bounds }
+    }
+}
+
 /// The file's hash says what the rays are.
+impl PartialEq for RaySet {
+    fn eq(&self, other: &Self) -> bool {
+        let order = |set: &RaySet| match &set.rays {
+            FileRays::Held(_) => Order::Drawn,
+            FileRays::Streamed(stream) => stream.order(),
+        };
+        (&self.sha256, self.scale, order(self)) == (&other.sha256, other.scale, order(other))
+    }
+}
+
 impl fmt::Debug for RaySet {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let groups: Vec<_> = self.groups.iter().map(|group| (group.wavelength, group.shares.len())).collect();
-        write!(f, "RaySet({} x {:?}, {groups:?})", self.sha256, self.scale)
+        write!(f, "RaySet({} x {:?}, ", self.sha256, self.scale)?;
+        match &self.rays {
+            FileRays::Held(groups) => {
+                let groups: Vec<_> =
+                    groups.iter().map(|group| (group.wavelength, group.shares.len())).collect();
+                write!(f, "{groups:?})")
+            }
+            FileRays::Streamed(stream) => write!(f, "{stream:?})"),
+        }
     }
 }
 
@@ -84,6 +185,9 @@ pub enum Order {
     #[default]
     #[serde(rename = "drawn")]
     Drawn,
+    /// In their order, and from the first one again after the last. All rays must have the same flux.
+    #[serde(rename = "in_order")]
+    InOrder,
 }
 
 written! {
@@ -116,7 +220,7 @@ impl WrittenSource for Written {
     }
 
     fn kind(&self) -> SourceKind {
-        let none = || Arc::new(RaySet { sha256: String::new(), scale: 1.0, groups: Vec::new() });
+        let none = || Arc::new(RaySet::held(String::new(), 1.0, Vec::new()));
         SourceKind::Rays(Rays { set: self.set.clone().unwrap_or_else(none) })
     }
 
@@ -153,7 +257,10 @@ impl RayGroup {
 
 impl Emission for Rays {
     fn kind(&self) -> SourceFunction {
-        SourceFunction::Rays
+        match &self.set.rays {
+            FileRays::Held(_) => SourceFunction::Rays,
+            FileRays::Streamed(_) => SourceFunction::StreamedRays,
+        }
     }
 
     fn arguments(&self) -> Vec<f64> {
@@ -163,9 +270,11 @@ impl Emission for Rays {
     }
 
     /// For each wavelength of the scene, where its rays begin, counted from here; then each group: the number of its rays, and
-    /// their rows.
+    /// their rows. Of rays that are uploaded: room for them.
     fn table(&self, wavelengths: &[f64]) -> Vec<f64> {
-        let groups = &self.set.groups;
+        let FileRays::Held(groups) = &self.set.rays else {
+            return vec![0.0; MOST_UPLOADED as usize * UPLOADED_NUMBERS];
+        };
         let mut starts = vec![0.0; groups.len()];
         let mut rows: Vec<f64> = Vec::new();
         for (start, group) in starts.iter_mut().zip(groups) {
@@ -182,21 +291,15 @@ impl Emission for Rays {
 
     /// A disk about the frame's axis. Rays may be born above and below it: [`Emission::heights`].
     fn births(&self) -> Outline {
-        let positions = self.set.groups.iter().flat_map(|group| &group.positions);
-        let reach = positions.map(|[x, y, _]| x.hypot(*y));
-        Outline::Disk { radius: reach.fold(0.0, f64::max) }
+        Outline::Disk { radius: self.set.bounds.radius }
     }
 
     fn heights(&self) -> [f64; 2] {
-        let positions = self.set.groups.iter().flat_map(|group| &group.positions);
-        let heights = positions.map(|[.., z]| *z);
-        heights.fold([0.0, 0.0], |[low, high], z| [f64::min(low, z), f64::max(high, z)])
+        self.set.bounds.heights
     }
 
     fn half_angle(&self) -> f64 {
-        let directions = self.set.groups.iter().flat_map(|group| &group.directions);
-        let angles = directions.map(|[l, m, n]| l.hypot(*m).atan2(*n));
-        angles.fold(0.0, f64::max)
+        self.set.bounds.half_angle
     }
 }
 

@@ -9,11 +9,13 @@ use std::collections::HashMap;
 const MAX_PLACE: usize = 1 << 24;
 
 /// Where each table begins. Equal tables are one: lenses by the dozen have the same polish, and the same film.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Places {
     /// By the bits of a table's numbers.
     starts: HashMap<Vec<u64>, usize>,
     numbers: Vec<f64>,
+    /// Where the table of each source begins, if it has one.
+    of_sources: Vec<Option<usize>>,
     /// How many numbers shapes and sources have, whose places are reals.
     num_of_reals: usize,
 }
@@ -25,13 +27,12 @@ fn bits(table: &[f64]) -> Vec<u64> {
 impl Places {
     /// Those of a scene.
     pub fn of(ir: &SceneIr) -> Self {
-        let mut places = Places { starts: HashMap::new(), numbers: Vec::new(), num_of_reals: 0 };
+        let mut places = Places::default();
         for table in ir.surfaces.iter().filter_map(|surface| surface.shape.table()) {
             places.add(table);
         }
-        for source in &ir.sources {
-            places.add(&source.kind.table(&ir.wavelengths));
-        }
+        places.of_sources =
+            ir.sources.iter().map(|source| places.add(&source.kind.table(&ir.wavelengths))).collect();
         places.num_of_reals = places.numbers.len();
         let scatters = ir.surfaces.iter().filter_map(|surface| surface.scatter.as_ref());
         for scatter in scatters.filter(|scatter| scatter.bsdf.kind().has_table()) {
@@ -43,18 +44,21 @@ impl Places {
         // Where a coating is a table, all are.
         let coatings = || ir.surfaces.iter().filter_map(|surface| surface.coating.as_ref());
         if coatings().any(Coating::is_tabulated) {
-            coatings().for_each(|coating| places.add(&coating.tabulated().numbers()));
+            for coating in coatings() {
+                places.add(&coating.tabulated().numbers());
+            }
         }
         places
     }
 
-    fn add(&mut self, table: &[f64]) {
-        if !table.is_empty() {
-            let start = self.numbers.len();
-            if *self.starts.entry(bits(table)).or_insert(start) == start {
-                self.numbers.extend(table);
-            }
+    /// Where the table begins, which may be an equal one that came before; none for an empty table.
+    fn add(&mut self, table: &[f64]) -> Option<usize> {
+        let next = self.numbers.len();
+        let start = (!table.is_empty()).then(|| *self.starts.entry(bits(table)).or_insert(next))?;
+        if start == next {
+            self.numbers.extend(table);
         }
+        Some(start)
     }
 
     /// Where a table begins.
@@ -72,10 +76,15 @@ impl Places {
         arguments
     }
 
+    /// Where the table of a source begins, if it has one.
+    pub fn of_source(&self, number: usize) -> Option<usize> {
+        self.of_sources.get(number).copied().flatten()
+    }
+
     /// The numbers that a source's function takes, with the place of its table in that of the last.
-    pub fn source_arguments(&self, source: &Source, wavelengths: &[f64]) -> Vec<f64> {
+    pub fn source_arguments(&self, number: usize, source: &Source) -> Vec<f64> {
         let mut arguments = source.kind.arguments();
-        let start = self.start_of(&source.kind.table(wavelengths));
+        let start = self.of_source(number);
         if let (Some(start), Some(last)) = (start, arguments.last_mut()) {
             *last = start as f64;
         }
@@ -86,12 +95,12 @@ impl Places {
     ///
     /// # Errors
     /// [`Error::Usage`] if those of shapes and sources are too many to have places.
-    pub fn numbers(self) -> Result<Vec<f64>> {
+    pub fn numbers(&self) -> Result<&[f64]> {
         match self.num_of_reals {
             num if num > MAX_PLACE => Err(Error::Usage(format!(
                 "apertures and coefficients of the scene's surfaces take {num} numbers; give surfaces the same ones, or at most {MAX_PLACE}"
             ))),
-            _ => Ok(self.numbers),
+            _ => Ok(&self.numbers),
         }
     }
 }

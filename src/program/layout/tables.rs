@@ -253,9 +253,8 @@ pub fn is_rotated(rotation: DMat3) -> bool {
 }
 
 /// The surfaces' records.
-pub fn surface_records(ir: &SceneIr, centre: DVec3, features: &Features) -> RowTable {
+pub fn surface_records(ir: &SceneIr, centre: DVec3, features: &Features, places: &Places) -> RowTable {
     let mut records = RowTable::new("Surface", "surface", bindings::SURFACES);
-    let places = Places::of(ir);
     records.uint("interaction", ir.surfaces.iter().map(|s| interaction_code(&s.interaction)));
     put_frames(&mut records, ir, ir.surfaces.iter().map(|s| &s.frame), centre);
     // Of a shape that is no quadric they are not read.
@@ -284,14 +283,14 @@ pub fn surface_records(ir: &SceneIr, centre: DVec3, features: &Features) -> RowT
         records.real("reflectance", ir.surfaces.iter().map(|s| reflectance(s, 0)));
     }
     if features.tabulated_coatings {
-        coating::put_columns(&mut records, ir, &places);
+        coating::put_columns(&mut records, ir, places);
     } else if features.coated {
         records.uint("coated", ir.surfaces.iter().map(|s| u32::from(s.coating.is_some())));
     }
     if features.coated && !features.tabulated_coatings && !features.spectral_reflectance {
         records.real("coating_pass", ir.surfaces.iter().map(|s| coating_pass(s, 0)));
     }
-    bsdf::put_columns(&mut records, ir, &features.bsdfs, &places);
+    bsdf::put_columns(&mut records, ir, &features.bsdfs, places);
     records
 }
 
@@ -408,7 +407,7 @@ impl FacetTable {
 }
 
 /// The sources' records; `weights` are those that their rays are born with.
-pub fn source_records(ir: &SceneIr, centre: DVec3, weights: &[f64]) -> RowTable {
+pub fn source_records(ir: &SceneIr, centre: DVec3, weights: &[f64], places: &Places) -> RowTable {
     let mut records = RowTable::new("Source", "source", bindings::SOURCE);
     let sources = &ir.sources;
     records.uint("kind", sources.iter().map(|e| e.kind.kind() as u32));
@@ -422,20 +421,18 @@ pub fn source_records(ir: &SceneIr, centre: DVec3, weights: &[f64]) -> RowTable 
     records.uint("spectrum_count", sources.iter().map(|e| e.spectrum.cdf.len() as u32));
     records.real("weight", weights.iter().copied());
     put_frames(&mut records, ir, sources.iter().map(|e| &e.frame), centre);
-    let places = Places::of(ir);
-    let arguments = sources.iter().map(|e| places.source_arguments(e, &ir.wavelengths));
+    let arguments = (0..).zip(sources).map(|(number, source)| places.source_arguments(number, source));
     put_arguments(&mut records, "p", 3, arguments);
     records
 }
 
 /// The records of the first primitives, which are looked up in a table.
-pub fn primitive_records(ir: &SceneIr, centre: DVec3, num: usize) -> RowTable {
+pub fn primitive_records(ir: &SceneIr, centre: DVec3, num: usize, places: &Places) -> RowTable {
     let mut primitives = primitives(ir);
     primitives.truncate(num);
     let mut records = RowTable::new("Primitive", "primitive", bindings::PRIMITIVES);
     records.uint("shape", primitives.iter().map(|(_, shape)| shape.kind().code()));
     put_frames(&mut records, ir, primitives.iter().map(|(frame, _)| frame), centre);
-    let places = Places::of(ir);
     let arguments = primitives.iter().map(|(_, shape)| places.arguments(shape));
     put_arguments(&mut records, "a", SHAPE_ARGUMENTS, arguments);
     records
@@ -451,8 +448,13 @@ fn put_arguments(records: &mut RowTable, name: &str, least: usize, rows: impl It
 }
 
 /// The records of a tree's primitives, a permutation of the first ones, each with its number.
-pub fn numbered_primitive_records(ir: &SceneIr, centre: DVec3, primitives: &[u32]) -> RowTable {
-    let mut records = primitive_records(ir, centre, primitives.len()).picked(primitives);
+pub fn numbered_primitive_records(
+    ir: &SceneIr,
+    centre: DVec3,
+    primitives: &[u32],
+    places: &Places,
+) -> RowTable {
+    let mut records = primitive_records(ir, centre, primitives.len(), places).picked(primitives);
     records.uint("number", primitives.iter().copied());
     records
 }

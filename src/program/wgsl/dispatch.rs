@@ -3,7 +3,7 @@
 use crate::error::Result;
 use crate::model::shapes::Normal;
 use crate::model::shapes::plane::FLAT;
-use crate::model::{BsdfKind, ReflectProb, ShapeKind};
+use crate::model::{BsdfKind, ReflectProb, ShapeKind, SourceFunction};
 use crate::program::layout::reals::literal;
 use crate::program::wgsl::composition::Composition;
 use std::fmt::Write;
@@ -60,6 +60,13 @@ impl Composition<'_> {
             let _ = writeln!(text, "    if e.kind == {code}u {{ return emit_{name}(key, e); }}");
         }
         let _ = writeln!(text, "    return emit_{}(key, e);\n}}", last.name());
+        if self.features.uploads_rays() {
+            let code = SourceFunction::StreamedRays as u32;
+            let _ = writeln!(
+                text,
+                "fn has_uploaded_rays(e: Source) -> bool {{\n    return e.kind == {code}u;\n}}"
+            );
+        }
         text
     }
 

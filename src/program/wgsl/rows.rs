@@ -22,7 +22,7 @@ impl Composition<'_> {
     }
 
     fn surfaces_and_detectors(&self) -> Result<String> {
-        let surfaces = tables::surface_records(self.ir, self.centre, &self.features);
+        let surfaces = tables::surface_records(self.ir, self.centre, &self.features, &self.places);
         let detectors = tables::detector_records(self.ir, self.centre, &self.cells);
         let rotated_surfaces = tables::any_rotated(self.ir, self.ir.surfaces.iter().map(|s| &s.frame));
         let rotated_detectors = tables::any_rotated(self.ir, self.ir.detectors.iter().map(|s| &s.frame));
@@ -45,7 +45,7 @@ impl Composition<'_> {
     /// A single source is compiled in. Of several sources, the source of the dispatch lies in a uniform. `begin` copies
     /// the uniforms before the first branch.
     fn source(&self, additions: &ShaderAdditions) -> Result<String> {
-        let sources = tables::source_records(self.ir, self.centre, &self.options.weights);
+        let sources = tables::source_records(self.ir, self.centre, &self.options.weights, &self.places);
         let rotated = tables::any_rotated(self.ir, self.ir.sources.iter().map(|e| &e.frame));
         let (row, of_dispatch, copy) = match self.ir.sources.len() {
             1 => (sources.baked(&self.numbers)?, "source_of(0u)", ""),
@@ -84,7 +84,7 @@ impl Composition<'_> {
             (false, Some(records)) => records.texels(&self.numbers),
             (false, None) => {
                 let num = self.options.num_in_table(self.ir);
-                self.rows_of(&tables::primitive_records(self.ir, self.centre, num), false)
+                self.rows_of(&tables::primitive_records(self.ir, self.centre, num, &self.places), false)
             }
         }
     }

@@ -67,7 +67,7 @@ macro_rules! twin {
 #[rustfmt::skip]
 const SLOTS: &[Slot] = slots! { c;
     // Stem                     [files]                               filled where => by
-    "stages/ids"                [range]                               true => range;
+    "stages/ids"                [range, range_uploaded]               true => either(c.f.uploads_rays(), range_uploaded, range);
     "stages/launched"           [range]                               c.f.splits => range;
     "stages/path"               [plain]                               true => plain;
     "stages/hit"                [plain]                               true => plain;
@@ -93,7 +93,11 @@ const SLOTS: &[Slot] = slots! { c;
         (true, true) => mesh_contact,
     };
 
-    "optics/spectrum"           [discrete, single]                    true => either(c.f.polychromatic, discrete, single);
+    "optics/spectrum"           [discrete, uploaded, single]          true => match (c.f.polychromatic, c.f.uploads_rays()) {
+        (false, _) => single,
+        (true, false) => discrete,
+        (true, true) => uploaded,
+    };
     "optics/bulk"               [on, none]                            true => either(c.f.bulk_absorption, on, none);
     "optics/roulette"           [on, none]                            true => either(c.f.roulette, on, none);
     "optics/attenuated"         [plain]                               c.f.bulk_absorption => plain;

@@ -98,6 +98,33 @@ pub struct Header {
     pub remarks: Vec<String>,
 }
 
+/// Picks some rays of a file.
+pub trait Picking<E> {
+    /// True if a ray is wanted, of which these are number, flux and wavelength, as the file has them.
+    ///
+    /// # Errors
+    /// Where the file is to be read no further.
+    fn wants(&mut self, number: u64, flux: f64, wavelength: Option<f64>) -> std::result::Result<bool, E>;
+
+    /// Takes a ray that is wanted.
+    ///
+    /// # Errors
+    /// Where the file is to be read no further.
+    fn take(&mut self, number: u64, ray: &Ray) -> std::result::Result<(), E>;
+}
+
+/// All rays are wanted.
+impl Picking<Error> for Vec<Ray> {
+    fn wants(&mut self, _: u64, _: f64, _: Option<f64>) -> Result<bool> {
+        Ok(true)
+    }
+
+    fn take(&mut self, _: u64, ray: &Ray) -> Result<()> {
+        self.push(*ray);
+        Ok(())
+    }
+}
+
 impl Error {
     pub(super) fn new(
         place: impl Into<String>,

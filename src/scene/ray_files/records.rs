@@ -3,7 +3,7 @@
 use std::io::{Read, Seek, SeekFrom};
 use std::ops::Range;
 
-use super::ray::{Error, Ray, Result};
+use super::ray::{Error, Picking, Ray, Result};
 
 /// Bytes that are read at once.
 const BLOCK: usize = 1 << 20;
@@ -50,13 +50,13 @@ impl Records {
         Err(Error::at(self.start, problem, remedy))
     }
 
-    /// Appends the rays of a range that the file holds.
-    pub(super) fn read(
+    /// Hands out those rays of a range that are wanted. Other rays are not decoded.
+    pub(super) fn pick<E: From<Error>>(
         &self,
         reader: &mut (impl Read + Seek),
         range: Range<u64>,
-        rays: &mut Vec<Ray>,
-    ) -> Result<()> {
+        picking: &mut impl Picking<E>,
+    ) -> std::result::Result<(), E> {
         let record = self.record();
         let byte_of = |ray: u64| self.start + ray * record as u64;
         let at = |ray: u64| format!("byte {}", byte_of(ray));
@@ -71,26 +71,36 @@ impl Records {
             block.resize(count as usize * record, 0);
             reader.read_exact(&mut block).map_err(|error| Error::io(at(first), &error))?;
             for (ray, bytes) in (first..).zip(block.chunks_exact(record)) {
-                let place = || format!("ray {ray}, byte {}", byte_of(ray));
-                rays.push(self.ray(bytes).checked(place)?);
+                if picking.wants(ray, item(bytes, self.flux), self.wavelength(bytes))? {
+                    let place = || format!("ray {ray}, byte {}", byte_of(ray));
+                    picking.take(ray, &self.ray(bytes).checked(place)?)?;
+                }
             }
             first += count;
         }
         Ok(())
     }
 
+    fn wavelength(&self, bytes: &[u8]) -> Option<f64> {
+        match self.wavelength {
+            Some((column, micrometres)) => Some(item(bytes, column) * micrometres),
+            None => self.single,
+        }
+    }
+
     fn ray(&self, bytes: &[u8]) -> Ray {
-        let item = |column: usize| f64::from(f32_at(bytes, column * ITEM));
+        let item = |column: usize| item(bytes, column);
         Ray {
             position: [0, 1, 2].map(|column| item(column) * self.millimetres),
             direction: [3, 4, 5].map(item),
             flux: item(self.flux),
-            wavelength: match self.wavelength {
-                Some((column, micrometres)) => Some(item(column) * micrometres),
-                None => self.single,
-            },
+            wavelength: self.wavelength(bytes),
         }
     }
+}
+
+fn item(bytes: &[u8], column: usize) -> f64 {
+    f32_at(bytes, column * ITEM).into()
 }
 
 /// Four bytes from a place on; 0 for those that are not there.
