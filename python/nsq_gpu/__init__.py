@@ -73,6 +73,7 @@ from nsq_gpu.backend import NsqGpuBackend
 from nsq_gpu.binary import find_binary
 from nsq_gpu.convert import from_file, from_optic
 from nsq_gpu.default import use
+from nsq_gpu.design import Problem, register_operands
 from nsq_gpu.difference import Difference, diff
 from nsq_gpu.display import register as _register
 from nsq_gpu.errors import (
@@ -125,6 +126,7 @@ __all__ = [
     "NsqGpuError",
     "NsqGpuWarning",
     "PathTable",
+    "Problem",
     "PstResult",
     "Result",
     "ResultWarning",
@@ -155,6 +157,7 @@ __all__ = [
     "loss_gradient",
     "polished",
     "pst",
+    "register_operands",
     "stray_surfaces",
     "use",
     "veiling_glare",

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,6 +31,8 @@ UNITS = {"irradiance": "lx", "far_field": "cd"}
 WHO = "irradiance and far-field detectors see colour"
 #: Names of X, Y and Z, and of the pairs of which covariances are known.
 PARTS, PAIRS = ("X", "Y", "Z"), ("XY", "XZ", "YZ")
+#: Curves over the polar angle, and what their axis says.
+_CURVES = {"delta_uv": "Δu'v' from the middle", "cct": "CCT [K]", "duv": "Duv"}
 #: A pixel that fewer rays hit has no error of its colour: a single ray has one colour, whatever the others have.
 _FEW = 10
 #: Light that is further from the Planckian curve, in u and v of CIE 1960, has no colour temperature: CIE 015:2018, section 9.5.
@@ -135,6 +137,18 @@ class ColorOverAngle:
     standard_error: np.ndarray | None
     #: The distance that noise alone gives, as a root of the mean square. A distance that is not above it says nothing.
     noise: np.ndarray | None
+    #: Colour of the mean over all azimuths, by polar angle.
+    chromaticity: Chromaticity
+    #: Covariances of u' and v', (n_theta, 2, 2); None where they are not known.
+    _covariance: np.ndarray | None = field(repr=False)
+
+    def cct(self) -> ColorTemperature:
+        """Return the correlated colour temperature of the mean over all azimuths and its Duv, by polar angle.
+
+        Raises:
+            MissingLibraryError: colour-science is not installed (``pip install 'nsq-gpu[color]'``).
+        """
+        return _color_temperature(self.chromaticity, self._covariance)
 
 
 class Color:
@@ -190,25 +204,21 @@ class Color:
             MissingLibraryError: colour-science is not installed (``pip install 'nsq-gpu[color]'``).
         """
         known = self.chromaticity(whole)
-        # To u and v of CIE 1960.
-        scale = np.array([1.0, 2.0 / 3.0])
-        uv = np.stack([known.u_prime, known.v_prime], axis=-1) * scale
-        if known.standard_error is None:
-            values, _ = _temperatures(uv, differentiated=False)
-            cct, duv = values[..., 0], values[..., 1]
-            return ColorTemperature(float(cct), float(duv), None, None) if whole else ColorTemperature(cct, duv, None, None)
-        values, gradients = _temperatures(uv, differentiated=True)
+        covariance = None
+        if known.standard_error is not None:
+            if whole:
+                covariance = _covariance_of(known)
+            else:
+                _, by_xyz = _chromaticities(self._known())
+                covariance = np.einsum("ki...,ij...,lj...->...kl", by_xyz[2:], self._covariance(), by_xyz[2:])
+        found = _color_temperature(known, covariance)
         if whole:
-            covariance = _covariance_of(known)
-        else:
-            _, by_xyz = _chromaticities(self._known())
-            covariance = np.einsum("ki...,ij...,lj...->...kl", by_xyz[2:], self._covariance(), by_xyz[2:])
-        covariance = covariance * np.outer(scale, scale)
-        variances = np.einsum("...ki,...ij,...kj->...k", gradients, covariance, gradients)
-        errors = np.sqrt(np.maximum(variances, 0.0))
-        if whole:
-            return ColorTemperature(float(values[0]), float(values[1]), float(errors[0]), float(errors[1]))
-        return ColorTemperature(values[..., 0], values[..., 1], *(self._where_enough(errors[..., i]) for i in (0, 1)))
+            errors = (None if error is None else float(error) for error in (found.cct_standard_error, found.duv_standard_error))
+            return ColorTemperature(float(found.cct), float(found.duv), *errors)
+        if covariance is None:
+            return found
+        return ColorTemperature(found.cct, found.duv, self._where_enough(found.cct_standard_error),
+                                self._where_enough(found.duv_standard_error))
 
     def srgb(self, white: float | None = None) -> np.ndarray:
         """Return the map as a picture in sRGB: numbers from 0 to 1, shape (ny, nx, 3); of a far field (n_theta, n_phi, 3).
@@ -283,24 +293,29 @@ class Color:
         apart = values[2:] - of_middle[2:, None]
         delta = np.sqrt((apart**2).sum(axis=0))
         if covariance is None:
-            return ColorOverAngle(theta, delta, None, None)
-        by_xyz, by_middle = by_xyz[2:], by_middle[2:]
+            return ColorOverAngle(theta, delta, None, None, Chromaticity(*values, standard_error=None), None)
         # A ray lights one cell, so that cells have errors of their own. A ring of the middle has a share of the middle's.
         of_rings = covariance.sum(axis=-1) / xyz.shape[-1] ** 2
+        of_colors = np.einsum("kit,ijt,ljt->klt", by_xyz, of_rings, by_xyz)
+        by_xyz, by_middle = by_xyz[2:], by_middle[2:]
         shared = np.einsum("kit,ijt,lj->klt", by_xyz, of_rings * weights, by_middle)
-        variances = (np.einsum("kit,ijt,ljt->klt", by_xyz, of_rings, by_xyz) - shared - shared.swapaxes(0, 1)
+        variances = (of_colors[2:, 2:] - shared - shared.swapaxes(0, 1)
                      + (by_middle @ (of_rings * weights**2).sum(axis=-1) @ by_middle.T)[..., None])
         noise = np.sqrt(np.maximum(np.trace(variances), 0.0))
         along = apart / np.where(delta > 0.0, delta, 1.0)
         error = np.sqrt(np.maximum(np.einsum("kt,klt,lt->t", along, variances, along), 0.0))
         few = self._arrays["hits"].sum(axis=-1) < _FEW
-        return ColorOverAngle(theta, delta, np.where(few, np.nan, error), np.where(few, np.nan, noise))
+        errors = np.sqrt(np.maximum(np.einsum("kkt->kt", of_colors), 0.0))
+        return ColorOverAngle(theta, delta, np.where(few, np.nan, error), np.where(few, np.nan, noise),
+                              Chromaticity(*values, standard_error=np.where(few, np.nan, errors)),
+                              np.where(few[:, None, None], np.nan, np.moveaxis(of_colors[2:, 2:], -1, 0)))
 
-    def plot_color_over_angle(self, middle: float = 5.0, *, ax: Any = None, **options: Any) -> Any:
+    def plot_color_over_angle(self, middle: float = 5.0, *, of: str = "delta_uv", ax: Any = None, **options: Any) -> Any:
         """Draw :meth:`color_over_angle`: a band has the standard error, and a dotted line what noise alone gives.
 
         Args:
             middle: As that of :meth:`color_over_angle`.
+            of: ``"delta_uv"``, the distance from the middle in u' and v'; or ``"cct"`` or ``"duv"``, by polar angle.
             ax: Matplotlib's axes. None makes a figure.
             options: Further options of ``plot``.
 
@@ -308,20 +323,28 @@ class Color:
             The axes.
 
         Raises:
-            UsageError: The detector is no far field, or saw no colour.
+            UsageError: The detector is no far field, saw no colour, or has no such curve.
+            MissingLibraryError: ``"cct"`` and ``"duv"`` need colour-science (``pip install 'nsq-gpu[color]'``).
         """
         from nsq_gpu.plotting import _axes
 
+        if not isinstance(of, str) or of not in _CURVES:
+            raise UsageError(f"of is {of!r}; give {', '.join(map(repr, list(_CURVES)[:-1]))} or {list(_CURVES)[-1]!r}")
         found = self.color_over_angle(middle)
+        values, error, least = found.delta_uv, found.standard_error, 0.0
+        if of != "delta_uv":
+            temperature = found.cct()
+            values, error, least = getattr(temperature, of), getattr(temperature, f"{of}_standard_error"), -np.inf
         ax = _axes(ax)
-        (line,) = ax.plot(found.theta, found.delta_uv, **options)
-        if found.standard_error is not None:
-            low, high = (found.delta_uv + sign * found.standard_error for sign in (-1.0, 1.0))
-            ax.fill_between(found.theta, np.maximum(low, 0.0), high, color=line.get_color(), alpha=0.3, linewidth=0.0)
-            ax.plot(found.theta, found.noise, ":", color=line.get_color(), label="noise alone")
-            ax.legend()
+        (line,) = ax.plot(found.theta, values, **options)
+        if error is not None:
+            ax.fill_between(found.theta, np.maximum(values - error, least), values + error, color=line.get_color(), alpha=0.3,
+                            linewidth=0.0)
+            if of == "delta_uv":
+                ax.plot(found.theta, found.noise, ":", color=line.get_color(), label="noise alone")
+                ax.legend()
         ax.set_xlabel("theta [deg]")
-        ax.set_ylabel("Δu'v' from the middle")
+        ax.set_ylabel(_CURVES[of])
         ax.set_title(self._name)
         return ax
 
@@ -392,6 +415,19 @@ def _covariance_of(known: Chromaticity) -> np.ndarray:
     factors = 2.0 * by_u * by_v
     between = float((factors * rests).sum() / (factors**2).sum())
     return np.array([[of_u, between], [between, of_v]])
+
+
+def _color_temperature(known: Chromaticity, covariance: np.ndarray | None) -> ColorTemperature:
+    """Return colour temperatures of chromaticities, of which u' and v' have covariances (..., 2, 2); None where not known."""
+    # To u and v of CIE 1960.
+    scale = np.array([1.0, 2.0 / 3.0])
+    uv = np.stack([known.u_prime, known.v_prime], axis=-1) * scale
+    values, gradients = _temperatures(uv, differentiated=covariance is not None)
+    if covariance is None:
+        return ColorTemperature(values[..., 0], values[..., 1], None, None)
+    variances = np.einsum("...ki,...ij,...kj->...k", gradients, covariance * np.outer(scale, scale), gradients)
+    errors = np.sqrt(np.maximum(variances, 0.0))
+    return ColorTemperature(values[..., 0], values[..., 1], errors[..., 0], errors[..., 1])
 
 
 def _temperatures(uv: np.ndarray, differentiated: bool) -> tuple[np.ndarray, np.ndarray]:

@@ -32,6 +32,11 @@ def v_lambda(wavelength_um: Any) -> np.ndarray:
     return np.asarray(np.interp(asked, _WAVELENGTHS, _RESPONSE, left=0.0, right=0.0))
 
 
+def is_visible(efficacy: Any) -> Any:
+    """Tell whether light of an efficacy [lm/W] has lumens worth the name."""
+    return efficacy >= _LEAST * PEAK
+
+
 def luminous_efficacy(spectrum: Spectrum) -> float:
     """Return the lumens of a watt of this spectrum [lm/W]: the mean of 683.002 V over its weights.
 
@@ -40,7 +45,7 @@ def luminous_efficacy(spectrum: Spectrum) -> float:
     """
     weights = np.asarray(be.to_numpy(spectrum.weights), dtype=np.float64)
     efficacy = PEAK * float((weights * v_lambda(spectrum.wavelengths)).sum() / weights.sum())
-    if not efficacy >= _LEAST * PEAK:
+    if not is_visible(efficacy):
         shown = ", ".join(f"{wavelength:g}" for wavelength in spectrum.wavelengths[:4])
         more = ", ..." if len(spectrum.wavelengths) > 4 else ""
         raise UsageError(f"spectrum: its light, at {shown}{more} um, is not visible, and has no lumens; give total_flux in W, or "

@@ -308,8 +308,10 @@ class Session:
     def loss_gradient(self, scene: str | Json, options: Mapping[str, Any], parameters: Sequence[str],
                       adjoints: Mapping[str, np.ndarray], *, timeout: float | None = None,
                       progress: Callable[[Json], None] | None = None, name: str | None = None, folder: str | None = None,
-                      edges: bool = False, check_edges: bool = False) -> Json:
+                      edges: bool = False, check_edges: bool = False, numbers: Mapping[str, float] | None = None) -> Json:
         """Differentiate a loss by numbers of a scene file's text: :func:`nsq_gpu.loss_gradient`.
+
+        ``numbers`` of the scene are set first, by their names.
 
         Returns the answer's header: ``values`` in the order of ``parameters``, ``num_lost``, ``num_forward``. With ``edges``,
         ``with_edges`` has the values by differences of two traces. With ``check_edges``, ``not_confirmed`` has the values that a
@@ -322,7 +324,7 @@ class Session:
         arrays = {detector: _npy(array) for detector, array in adjoints.items()}
         sizes = [{"detector": detector, "bytes": len(array)} for detector, array in arrays.items()]
         header = self._header(scene, options, name, folder) | {"gradient": list(parameters), "adjoints": sizes}
-        header |= {"progress": progress is not None, "gradient_edges": edges, "check_edges": check_edges}
+        header |= {"set": dict(numbers or {}), "progress": progress is not None, "gradient_edges": edges, "check_edges": check_edges}
         return self._ask(header, timeout, progress, b"".join(arrays.values()))[0]
 
     def _header(self, scene: str | Json, options: Mapping[str, Any], name: str | None, folder: str | None) -> Json:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,21 +22,16 @@ from nsq_gpu.binary import find_binary
 from nsq_gpu.errors import UnsupportedSceneError, UsageError, wants_gradient, without_gradient
 from nsq_gpu.frames import number_of, placed
 from nsq_gpu.intensity import IntensityTable
-from nsq_gpu.photometry import luminous_efficacy, watts
+from nsq_gpu.photometry import PEAK, is_visible, luminous_efficacy, v_lambda, watts
 from nsq_gpu.process import answer
+from nsq_gpu.rayfiles import ENDINGS, read
 
 #: Units of a table of intensity.
 INTENSITY_UNITS = ("relative", "W/sr", "cd")
 #: Largest difference of two fluxes that are one, by rounding, relative to them.
 _SAME_FLUX = 1e-12
-#: Endings of the names of ray files.
-RAY_FILES = (".tm25ray", ".dat", ".sdf", ".npz")
-#: Most rays of a file that the program holds.
-_MOST_RAYS = (1 << 20) - 1
 #: A ray's wavelength is put to the nearest one of the source's spectrum, if that is so near [um].
 _FARTHEST = 0.025
-#: Difference of a direction's length from 1 up to which it is taken for rounding.
-_UNIT_LENGTH = 1e-3
 
 
 class _NotCollimated:
@@ -320,19 +314,23 @@ class _RayGroup:
 
 @dataclass(frozen=True)
 class _RaySet:
-    """The rays of a file by the wavelengths of a spectrum, the spectrum that they have, and their flux [W]."""
+    """The rays of a file by the wavelengths of a spectrum, the spectrum that they have, and their flux."""
 
     groups: tuple[_RayGroup, ...]
     spectrum: Spectrum
+    #: Flux in ``unit``, W or lm; None where the file does not say it.
     flux: float
+    unit: str | None
+    #: What the header states in place of this flux; None if it states the same or nothing.
+    stated: float | None
 
 
 class RaySource(CollimatedSource):
     """The rays of a file: those that a maker measured of a lamp, or that another trace recorded.
 
     A ray of the trace takes one of the file's, drawn by its share of the light, independently of the others. The program reads
-    IES TM-25 (.tm25ray), source files of Zemax OpticStudio (.dat, .sdf), and the columns of a ray database (.npz). Optiland's own
-    backends trace a ``.npz`` alone.
+    IES TM-25 (.tm25ray), source files of Zemax OpticStudio (.dat, .sdf), and the columns of a ray database (.npz). For Optiland's
+    own backends this package reads them, up to 1,048,575 rays, and draws as the program draws.
 
     Rays that have wavelengths in the file take the nearest one of the spectrum, within 25 nm; the file then says how strong each
     is. Where the file has none, they are drawn by the spectrum. The flux is the file's, unless one is given.
@@ -354,7 +352,7 @@ class RaySource(CollimatedSource):
 
     def __init__(self, cs: CoordinateSystem, spectrum: Spectrum, file: str | os.PathLike[str], *, scale: float = 1.0,
                  total_flux: Any = None, total_flux_lumens: float | None = None, medium: NSQMaterial | None = None) -> None:
-        if not isinstance(file, str | os.PathLike) or Path(file).suffix.lower() not in RAY_FILES:
+        if not isinstance(file, str | os.PathLike) or Path(file).suffix.lower() not in ENDINGS:
             raise UsageError(f"file is {file!r}; give the path of a ray file, whose name ends with .tm25ray, .dat, .sdf or .npz")
         #: The absolute path of the file.
         self.file = os.path.abspath(file)
@@ -373,7 +371,7 @@ class RaySource(CollimatedSource):
         #: Flux in lumens, where it was given so [lm].
         self.total_flux_lumens = None if total_flux_lumens is None else _above_zero("total_flux_lumens", total_flux_lumens)
         self.aperture_radius = _NotCollimated("RaySource")  # type: ignore[assignment]
-        if self._is_read_here:
+        if Path(self.file).suffix.lower() == ".npz":
             self._rays()
 
     @classmethod
@@ -393,10 +391,17 @@ class RaySource(CollimatedSource):
         """Flux [W]: the one that is given, or that of the file. Who sets it takes the place of the file.
 
         Raises:
-            UnsupportedSceneError: The file alone says it, and only the program reads the file.
+            UsageError: It is no ray file; or the file alone says the flux, and says none or two.
         """
         if self.is_of_its_file:
-            return self._rays().flux
+            rays = self._rays()
+            if rays.unit is None:
+                raise UsageError(f"{self.file}: the file does not say whether its flux is in W or in lm; give total_flux or "
+                                 "total_flux_lumens")
+            if rays.stated is not None:
+                raise UsageError(f"{self.file}: it states {rays.stated:g} {rays.unit}, and the flux of its rays is {rays.flux:g} "
+                                 f"{rays.unit} in all; correct the file, or give total_flux or total_flux_lumens")
+            return rays.flux if rays.unit == "W" else watts(rays.flux, rays.spectrum)
         return self._flux if self.total_flux_lumens is None else watts(number_of(self.total_flux_lumens), self._rays().spectrum)
 
     @total_flux.setter
@@ -408,15 +413,11 @@ class RaySource(CollimatedSource):
         """Whether the file alone says the flux."""
         return self._flux is None and self.total_flux_lumens is None
 
-    @property
-    def _is_read_here(self) -> bool:
-        return Path(self.file).suffix.lower() == ".npz"
-
     def generate(self, ray_id: np.ndarray, rng: NSQRng) -> NSQRayBundle:
         """Return one ray an id, in the global frame.
 
         Raises:
-            UnsupportedSceneError: Only the program reads the file.
+            UsageError: It is no ray file.
         """
         rays = self._rays()
         bounce = np.zeros(len(ray_id), dtype=np.int32)
@@ -431,9 +432,6 @@ class RaySource(CollimatedSource):
 
     def _rays(self) -> _RaySet:
         """Return the rays of the file as the source now is; they are read again where the file has changed."""
-        if not self._is_read_here:
-            raise UnsupportedSceneError(f"{self.file}: Optiland's backends trace rays of .npz files alone; trace the scene by "
-                                        "NsqGpuBackend, which reads .tm25ray, .dat and .sdf as well")
         try:
             state = os.stat(self.file)
         except OSError as error:
@@ -447,15 +445,15 @@ class RaySource(CollimatedSource):
 
 def _grouped(path: str, scale: float, spectrum: Spectrum, listed: np.ndarray) -> _RaySet:
     """Read a file, and put its rays to the wavelengths of the spectrum that are listed."""
-    starts, directions, shares, wavelength = _columns(path)
-    total, lit = math.fsum(shares), shares > 0.0
+    rays = read(path)
+    lit = rays.flux > 0.0
     if not lit.any():
         raise UsageError(f"{path}: the file has no rays with light; give a file with rays")
     numbers = np.flatnonzero(lit)
-    starts, directions, shares = starts[lit] * scale, directions[lit], shares[lit]
-    if wavelength is None:
-        return _RaySet((_RayGroup(None, starts, directions, *_rows(shares)),), spectrum, total)
-    own = wavelength[lit]
+    starts, directions, shares = rays.starts[lit] * scale, rays.directions[lit], rays.flux[lit]
+    if rays.wavelength is None:
+        return _RaySet((_RayGroup(None, starts, directions, *_rows(shares)),), spectrum, rays.total, rays.unit, rays.stated)
+    own = rays.wavelength[lit]
     nearest = np.zeros(len(own), dtype=np.intp)
     apart = np.abs(listed[0] - own)
     for i, line in enumerate(listed[1:], start=1):
@@ -464,53 +462,27 @@ def _grouped(path: str, scale: float, spectrum: Spectrum, listed: np.ndarray) ->
     if (far := np.flatnonzero(apart > _FARTHEST)).size:
         raise UsageError(f"{path}: ray {numbers[far[0]]} has a wavelength of {own[far[0]]:g} um, and the spectrum of the source has "
                          f"none within {1e3 * _FARTHEST:g} nm; add wavelengths to the spectrum")
+    total, unit = rays.total, rays.unit
+    if unit == "lm":
+        # Lumens of rays that have wavelengths are watts.
+        shares = _in_watts(path, shares, listed[nearest], numbers)
+        total, unit = math.fsum(shares), "W"
     groups, weights = [], []
     for i in np.unique(nearest):
         chosen = nearest == i
         groups.append(_RayGroup(float(listed[i]), starts[chosen], directions[chosen], *_rows(shares[chosen])))
         weights.append(_sum(shares[chosen]))
     lines = np.array([group.wavelength for group in groups])
-    return _RaySet(tuple(groups), Spectrum(lines, np.array(weights)), total)
+    return _RaySet(tuple(groups), Spectrum(lines, np.array(weights)), total, unit, rays.stated)
 
 
-def _columns(path: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
-    """Return start points, unit directions, fluxes and wavelengths of a ray database's file, if it has them."""
-    names = ("x", "y", "z", "L", "M", "N", "flux", "wavelength")
-    try:
-        with zipfile.ZipFile(path) as archive:
-            packed = [member.filename for member in archive.infolist() if member.compress_type != zipfile.ZIP_STORED]
-        with np.load(path) as file:
-            found = {name: np.asarray(file[name]) for name in names if name in file.files}
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
-        raise UsageError(f"{path}: {error}; give a ray database's file, as the program and numpy.savez write it") from None
-    for name in names[:-1]:
-        if name not in found:
-            raise UsageError(f"{path}: there is no column {name!r}; a ray file has the columns x, y, z, L, M, N, flux, and wavelength")
-    count = len(found["x"]) if found["x"].ndim else 0
-    if count > _MOST_RAYS:
-        raise UsageError(f"{path}: it has {count} rays, and at most {_MOST_RAYS} are held; give a smaller file")
-    if count == 0:
-        raise UsageError(f"{path}: the file has no rays with light; give a file with rays")
-    for name, column in found.items():
-        # The program reads columns where they lie in the file.
-        if f"{name}.npy" in packed or column.dtype != np.dtype("<f8") or column.shape != (count,):
-            raise UsageError(f"{path}: the column {name!r} is no uncompressed array of f8 of shape ({count},); write the columns by "
-                             "numpy.savez")
-    starts, directions = (np.stack([found[name] for name in part], axis=1) for part in (names[:3], names[3:6]))
-    length = np.sqrt((directions * directions)[:, 0] + (directions * directions)[:, 1] + (directions * directions)[:, 2])
-    wavelength = found.get("wavelength")
-    _refuse_rays(path, ~np.isfinite(starts).all(axis=1), "position", "give finite numbers")
-    # A NaN is not within.
-    _refuse_rays(path, ~(np.abs(length - 1.0) <= _UNIT_LENGTH), "direction", "give unit vectors, to within 0.001")
-    _refuse_rays(path, ~(np.isfinite(found["flux"]) & (found["flux"] >= 0.0)), "flux", "give finite numbers of 0 or more")
-    if wavelength is not None:
-        _refuse_rays(path, ~(np.isfinite(wavelength) & (wavelength > 0.0)), "wavelength", "give finite numbers above 0")
-    return starts, directions / length[:, None], found["flux"], wavelength
-
-
-def _refuse_rays(path: str, wrong: np.ndarray, what: str, remedy: str) -> None:
-    if wrong.any():
-        raise UsageError(f"{path}: the {what} of ray {np.flatnonzero(wrong)[0]} is none; {remedy}")
+def _in_watts(path: str, lumens: np.ndarray, wavelength: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+    """Return the watts of rays' lumens; ``numbers`` are those of the rays in the file."""
+    efficacies = PEAK * v_lambda(wavelength)
+    if (dark := np.flatnonzero(~is_visible(efficacies))).size:
+        raise UsageError(f"{path}: ray {numbers[dark[0]]} has a flux in lm, and nobody sees light of its wavelength; give a file "
+                         "whose flux is in W")
+    return np.asarray(lumens / efficacies)
 
 
 def _sum(numbers: np.ndarray) -> float:

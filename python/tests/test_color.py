@@ -364,6 +364,51 @@ def test_colour_over_angle_is_that_of_both_lamps() -> None:
     assert ax.get_ylabel() == "Δu'v' from the middle" and ax.get_xlabel() == "theta [deg]"
 
 
+def white_lamps() -> NSQScene:
+    """Return a bluish narrow white in a reddish wide one, and their far field."""
+    scene = NSQScene()
+    for name, weights, half in (("cool", [1.5, 1.0, 0.8, 0.6, 0.5], 20.0), ("warm", [0.4, 0.7, 1.0, 1.4, 1.0], 60.0)):
+        scene.add_source(name, cs(), PointSourceConfig(Spectrum(WHITE.wavelengths, np.array(weights)), half_angle_deg=half))
+    scene.add_detector("sky", cs(z=10.0), FarFieldDetectorConfig(18, 12))
+    return scene
+
+
+def test_colour_temperature_over_angle_is_that_of_both_lamps() -> None:
+    scene = white_lamps()
+    seen = scene.trace(200_000, backend=live.backend(color=True, standard_error=True)).detectors["sky"]
+    found = seen.color_over_angle()
+    temperature = found.cct()
+    cool, warm = (truth(source.spectrum) / (1.0 - np.cos(np.radians(half)))
+                  for source, half in zip(scene.sources, (20.0, 60.0), strict=True))
+    inner, outer = found.theta < 20.0, (found.theta > 20.0) & (found.theta < 60.0)
+    for where, xyz in ((inner, cool + warm), (outer, warm)):
+        values = _chromaticities(xyz)[0]
+        cct, duv = colour.temperature.uv_to_CCT_Ohno2013(values[2:] * [1.0, 2.0 / 3.0])
+        apart = (np.stack(parts(found.chromaticity))[:, where] - values[:, None]) / found.chromaticity.standard_error[:, where]
+        assert np.abs(apart).max() < 4.5
+        assert np.abs((temperature.cct - cct) / temperature.cct_standard_error)[where].max() < 4.5
+        assert np.abs((temperature.duv - duv) / temperature.duv_standard_error)[where].max() < 4.5
+    assert np.isnan(temperature.cct[found.theta > 60.0]).all() and "_covariance" not in repr(found)
+    for of, label in (("cct", "CCT [K]"), ("duv", "Duv")):
+        ax = seen.plot_color_over_angle(of=of, color="k")
+        assert np.array_equal(ax.lines[0].get_ydata(), getattr(temperature, of), equal_nan=True)
+        assert ax.get_ylabel() == label and len(ax.collections) == len(ax.lines) == 1
+    with pytest.raises(nsq_gpu.UsageError, match="of is 'CCT'; give 'delta_uv', 'cct' or 'duv'"):
+        seen.plot_color_over_angle(of="CCT")
+
+
+def test_one_azimuth_and_many_have_one_colour_over_angle() -> None:
+    """Far fields of one ring and of twelve cells a ring see the same rays."""
+    scene = white_lamps()
+    scene.add_detector("ring", cs(z=11.0), FarFieldDetectorConfig(18, 1))
+    scene.detector_registry.get("sky").absorb = False
+    traced = scene.trace(20_000, backend=live.backend(color=True, standard_error=True))
+    many, one = (traced.detectors[name] for name in ("sky", "ring"))
+    rings, cells = many.color_over_angle(), one.cct()
+    assert np.allclose(rings.cct().cct, cells.cct[:, 0], rtol=1e-9, equal_nan=True)
+    assert np.allclose(rings.cct().cct_standard_error[:12], cells.cct_standard_error[:12, 0], rtol=0.02)
+
+
 def test_errors_over_angle_are_those_of_many_seeds() -> None:
     values, errors = [], []
     with session() as one:
@@ -466,7 +511,9 @@ def test_errors_are_none_where_they_are_not_asked_for() -> None:
     assert seen["wall"].xyz is not None and seen["wall"].xyz_standard_error is None and seen["wall"].xyz_covariance is None
     for whole in (False, True):
         assert seen["wall"].chromaticity(whole).standard_error is None and seen["wall"].cct(whole).duv_standard_error is None
-    assert seen["sky"].color_over_angle().standard_error is None and len(seen["sky"].plot_color_over_angle().lines) == 1
+    found = seen["sky"].color_over_angle()
+    assert found.standard_error is None and found.chromaticity.standard_error is None and found.cct().cct_standard_error is None
+    assert all(len(seen["sky"].plot_color_over_angle(of=of).lines) == 1 for of in ("delta_uv", "cct", "duv"))
 
 
 def test_the_dark_has_no_colour() -> None:

@@ -1,0 +1,138 @@
+"""Maps by blocks of rays, and what keeps noise out of a number that is computed from them.
+
+A trace of N rays is K blocks of N / K rays, each with a seed of its own. So a power of a map is a product of different blocks. Noise
+of different blocks is independent, and adds nothing to such a product on average.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import comb
+from typing import Any
+
+import numpy as np
+
+#: Fewest blocks whose spread says something of a standard error.
+FEWEST_BLOCKS = 4
+
+
+@dataclass(frozen=True)
+class BlockMaps:
+    """The maps of a detector by block of rays. Each block's map is an estimate of the whole light."""
+
+    #: Flux in each pixel [W], shape (K, ny, nx).
+    flux: np.ndarray
+    #: Middles of the pixels [mm], shapes (nx,) and (ny,).
+    x: np.ndarray
+    y: np.ndarray
+    #: Width and height of a pixel [mm].
+    pixel: tuple[float, float]
+    #: How a ray's light is spread over pixels: ``"bilinear"``, ``"gaussian"`` or ``"hard"``.
+    splat: str = "bilinear"
+    #: Width of a Gaussian splat [pixels].
+    splat_sigma: float = 0.0
+    #: Pixels that the wires of one map need; filled once.
+    _kernels: Any = None
+
+    @property
+    def num_blocks(self) -> int:
+        """Return how many blocks there are."""
+        return len(self.flux)
+
+    @property
+    def area(self) -> float:
+        """Return the area of a pixel [mm^2]."""
+        return self.pixel[0] * self.pixel[1]
+
+    @property
+    def mean(self) -> np.ndarray:
+        """Return the map of all rays [W]."""
+        return np.asarray(self.flux.mean(axis=0))
+
+    @property
+    def spread(self) -> float:
+        """Return what pixels and splats add to the mean square of x plus that of y [mm^2].
+
+        A hard pixel adds a twelfth of its square, and linear weights add another one (Sheppard, 1898). A Gaussian splat adds
+        its own square.
+        """
+        squares = self.pixel[0]**2 + self.pixel[1]**2
+        return squares * {"hard": 1.0 / 12.0, "bilinear": 1.0 / 6.0}.get(self.splat, 1.0 / 12.0 + self.splat_sigma**2)
+
+    def without(self, block: int) -> BlockMaps:
+        """Return all blocks but one."""
+        return replace(self, flux=np.delete(self.flux, block, axis=0))
+
+    def added(self, other: BlockMaps) -> BlockMaps:
+        """Return the light of two traces together."""
+        return replace(self, flux=self.flux + other.flux)
+
+
+Maps = dict[str, BlockMaps]
+
+
+def pairs(a: np.ndarray, b: np.ndarray) -> Any:
+    """Return the mean of the products of ``a`` and ``b`` of different blocks, along the first axis."""
+    count = len(a)
+    return (a.sum(axis=0) * b.sum(axis=0) - (a * b).sum(axis=0)) / (count * (count - 1))
+
+
+def by_pairs(b: np.ndarray) -> np.ndarray:
+    """Return the derivative of :func:`pairs` by its first argument."""
+    count = len(b)
+    return np.asarray((b.sum(axis=0) - b) / (count * (count - 1)))
+
+
+def powers(x: np.ndarray, most: int) -> list[np.ndarray]:
+    """Return the powers 0 to ``most`` of a mean over blocks, each from products of different blocks.
+
+    Such a power is an elementary symmetric polynomial over the number of its products. Its mean is the power of the mean.
+    """
+    count = len(x)
+    sums = [np.ones_like(x[0]), *(np.zeros_like(x[0]) for _ in range(most))]
+    for block in x:
+        for order in range(most, 0, -1):
+            sums[order] = sums[order] + block * sums[order - 1]
+    return [found / comb(count, order) for order, found in enumerate(sums)]
+
+
+def by_powers(x: np.ndarray, order: int) -> np.ndarray:
+    """Return the derivative of the power ``order`` of :func:`powers` by each block."""
+    count = len(x)
+    found = np.empty_like(x)
+    for block in range(count):
+        others = powers(np.delete(x, block, axis=0), order - 1)[order - 1]
+        found[block] = others * comb(count - 1, order - 1) / comb(count, order)
+    return found
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A number of a trace, with what is known of its noise."""
+
+    value: float
+    #: Standard error, from the spread between blocks of rays.
+    standard_error: float
+    #: About how much noise has added to the value; it is not taken off.
+    bias: float = 0.0
+
+    def __float__(self) -> float:
+        return self.value
+
+    def __str__(self) -> str:
+        return f"{self.value:.6g} ± {self.standard_error:.2g}"
+
+
+def jackknife(value: float, others: np.ndarray) -> Estimate:
+    """Return an estimate from its value and the values without one block each (Efron and Stein, 1981)."""
+    count, mean = len(others), float(np.mean(others))
+    error = float(np.sqrt((count - 1) / count * np.sum((others - mean)**2)))
+    return Estimate(value, error, (count - 1) * (mean - value))
+
+
+def estimate(function: Callable[[Maps], float], maps: Maps) -> Estimate:
+    """Return what a function makes of maps, with a standard error."""
+    count = min(of.num_blocks for of in maps.values())
+    others = np.array([function({name: of.without(block) for name, of in maps.items()}) for block in range(count)])
+    return jackknife(function(maps), others)

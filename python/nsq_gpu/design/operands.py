@@ -1,0 +1,360 @@
+"""Operands of Optiland's optimisers: what a lens's scene sees, beside spot sizes.
+
+>>> nsq_gpu.register_operands()
+>>> problem.add_operand("nsq_ghost_peak", target=0, weight=1e3, input_data={"optic": lens, "fields": [1], "kernel": 0.5})
+"""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import optiland.backend as be
+from optiland.nonsequential.components.refractive import RefractiveComponent
+from optiland.optic import Optic
+from optiland.optimization.operand.operand import operand_registry
+
+from nsq_gpu.arguments import near, wrong_kind
+from nsq_gpu.binary import find_binary
+from nsq_gpu.convert import from_optic
+from nsq_gpu.design.log import Log
+from nsq_gpu.design.maps import BlockMaps, Estimate, Maps, jackknife
+from nsq_gpu.design.objectives import GHOSTS, Flux, Objective, Peak, RmsRadius, Uniformity
+from nsq_gpu.design.steps import LONG, TINY, along, step_between
+from nsq_gpu.design.tracing import Asked, Json, Tracer
+from nsq_gpu.errors import NsqGpuError, SceneError, UsageError
+from nsq_gpu.export import ExportedScene, export, export_wanted, to_json
+from nsq_gpu.export.values import whole_number
+from nsq_gpu.session import shared_session
+
+#: Width of the kernel of a peak over the image's longer side, where nobody says it.
+_KERNEL = 1.0 / 50.0
+#: Input data that all operands take, with what counts where one is missing.
+_COMMON: dict[str, Any] = {
+    "optic": None, "detector": "image", "where": None, "fields": None, "num_rays": 40_000, "seed": 0, "blocks": 16, "guide": None,
+    "max_depth": None, "precision": "auto", "adapter": None, "binary": None, "detector_pixels": (128, 128), "detector_size": None,
+    "edges": "absorbing", "margin": 1.03,
+}
+_OF_REGION: dict[str, Any] = {"region": None, "circle": None}
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """A kind of operand."""
+
+    objective: Callable[..., Objective]
+    #: Input data of its own.
+    own: dict[str, Any]
+    is_of_ghosts: bool = False
+
+
+KINDS = {
+    "nsq_flux": _Kind(Flux, _OF_REGION),
+    "nsq_ghost_flux": _Kind(Flux, _OF_REGION, True),
+    "nsq_ghost_peak": _Kind(Peak, {**_OF_REGION, "kernel": None, "order": 8}, True),
+    "nsq_uniformity": _Kind(Uniformity, {**_OF_REGION, "kernel": None}),
+    "nsq_rms_radius": _Kind(RmsRadius, {}),
+}
+
+
+@dataclass
+class _Frozen:
+    """What stays of an optic while its numbers change."""
+
+    #: Width and height of the image [mm].
+    size: tuple[float, float] | None = None
+    #: True if a trace of it has worked.
+    has_worked: bool = False
+    #: The scene that it was last, but for tiny steps.
+    base: Json | None = None
+
+
+@dataclass
+class _State:
+    """What all operands of this process share."""
+
+    log: Log = field(default_factory=Log)
+    tracers: dict[tuple[str, str | None], Tracer] = field(default_factory=dict)
+    optics: weakref.WeakKeyDictionary[Any, _Frozen] = field(default_factory=weakref.WeakKeyDictionary)
+    #: The last scene of each optic, by what it was made of.
+    scenes: dict[Any, Any] = field(default_factory=dict)
+
+
+_state = _State()
+
+
+def register_operands() -> Log:
+    """Register operands of scenes in ``optiland.optimization``, beside Optiland's own; return their log.
+
+    An operand makes the scene of its optic by :func:`nsq_gpu.from_optic`, and traces each field with a fixed seed. Operands of the
+    same light share one trace. Each trace is 16 blocks of rays; noise adds nothing to squares and higher powers of a map, which are
+    products of different blocks.
+
+    ===================  ==================================================================================================
+    ``nsq_flux``         flux in the image, or in ``region`` or ``circle`` [W]
+    ``nsq_ghost_flux``   that of ghosts: light that was reflected at least twice [W]; rays are guided towards it
+    ``nsq_ghost_peak``   the brightest place of ghosts after a Gaussian of the width ``kernel`` [mm]: the sum of E^p over that of
+                         E^(p-1), with p = ``order`` [W/mm^2]
+    ``nsq_uniformity``   the square of the mean irradiance over the mean of its square; 1 is even
+    ``nsq_rms_radius``   root mean square distance from the centroid of each field, over the fields [mm]
+    ===================  ==================================================================================================
+
+    Input data: ``optic``; ``detector`` ("image"); ``where`` keeps the light whose path matches; ``fields``, a list of the numbers of
+    fields, all of them if None; ``num_rays`` of each field (40,000); ``seed`` (0). Beside these ``blocks``, ``guide``, ``max_depth``,
+    ``precision``, ``adapter``, ``binary``, and those of :func:`nsq_gpu.from_optic`. The size of the image stays that of the
+    first trace.
+
+    Where a lens cannot be traced on the way, the value is NaN, which Optiland takes for a bad lens, and the log says why. The first
+    trace of an optic raises instead.
+
+    With Torch, rays are walked back from operands of plain light. Operands of guided light have differences by common draws, two
+    traces for each variable, and the log says so. Sizes that from_optic finds from rays count as constants there.
+
+    >>> log = nsq_gpu.register_operands()
+    >>> problem.add_operand("nsq_ghost_flux", target=0, weight=100, input_data={"optic": lens, "fields": [0]})
+
+    Returns:
+        Notes of what was done: guides that were learned, lenses that could not be traced, differences in the place of gradients.
+    """
+    for name in KINDS:
+        operand_registry.register(name, _operand(name), overwrite=True)
+    return _state.log
+
+
+def operand_estimate(operand: str, **input_data: Any) -> Estimate:
+    """Return the value of an operand with its standard error and its bias.
+
+    >>> nsq_gpu.design.operand_estimate("nsq_ghost_flux", optic=lens, fields=[0])
+
+    Args:
+        operand: Name of the operand, such as ``"nsq_flux"``.
+        input_data: Its input data; :func:`nsq_gpu.register_operands` says which.
+
+    Raises:
+        UsageError: There is no such operand, or it takes no such data.
+    """
+    if operand not in KINDS:
+        raise UsageError(f"there is no operand {operand!r}; {near(str(operand), KINDS)}")
+    return _Evaluation(operand, input_data).estimate()
+
+
+def _operand(name: str) -> Callable[..., Any]:
+    def operand(**input_data: Any) -> Any:
+        evaluation = _Evaluation(name, input_data)
+        frozen = _state.optics.setdefault(evaluation.given["optic"], _Frozen())
+        try:
+            found = evaluation.value()
+            if not np.isfinite(float(found)):
+                raise SceneError(f"{name}: it has no value, because too little light comes to {evaluation.given['detector']}")
+        except UsageError:
+            raise
+        except (NsqGpuError, ValueError, ArithmeticError) as error:
+            if not frozen.has_worked:
+                raise
+            _state.log.note_once(f"{name}: a lens cannot be judged, and its value is NaN: {error}")
+            return be.array(float("nan"))
+        frozen.has_worked = True
+        return found
+
+    operand.__name__ = name
+    operand.__doc__ = f"{name}: see nsq_gpu.register_operands."
+    return operand
+
+
+class _Evaluation:
+    """An operand's value for an optic as it is now."""
+
+    def __init__(self, name: str, input_data: dict[str, Any]) -> None:
+        self.name, self.kind = name, KINDS[name]
+        known = {**_COMMON, **self.kind.own}
+        for key in input_data:
+            if key not in known:
+                raise UsageError(f"{name} takes no {key!r}; {near(key, known)}")
+        self.given = {**known, **input_data}
+        if not isinstance(self.given["optic"], Optic):
+            raise wrong_kind(f"{name}: optic", self.given["optic"], "give Optiland's Optic as input_data={'optic': lens}")
+        self._depth = 16
+        program = find_binary(self.given["binary"])
+        key = (program, self.given["adapter"])
+        if key not in _state.tracers:
+            _state.tracers[key] = Tracer(shared_session(program, self.given["adapter"]), program)
+        self._tracer = _state.tracers[key]
+
+    def value(self) -> Any:
+        """Return the value, with Torch a tensor that may carry a graph."""
+        scene, exported = self._scene()
+        fields = self._fields(scene)
+        objective = self._objective(scene)
+        if be.get_backend() == "torch":
+            from nsq_gpu.design.torch_graph import operand_on_graph
+
+            return operand_on_graph(self, exported, fields, objective)
+        return be.array(self._number(exported.document, fields, objective))
+
+    def _number(self, document: Json, fields: Sequence[str], objective: Objective) -> float:
+        """Return the value of a scene. Tiny steps from the last scene are those of differences, and are made longer."""
+        frozen = _state.optics[self.given["optic"]]
+        step = None if frozen.base is None else step_between(frozen.base, document)
+        if frozen.base is None or step is None or not 0.0 < step < TINY:
+            found = self.of(objective, self._maps(document, fields, objective))
+            frozen.base = document
+            return found
+        share = LONG / step
+        sides = [self.of(objective, self._maps(along(frozen.base, document, side * share), fields, objective)) for side in (-1.0, 1.0)]
+        _state.log.note_once(f"{self.name}: the optimiser takes differences over tiny steps; each is one of two traces by common draws, "
+                             f"{100.0 * LONG:g} % on either side")
+        return self.of(objective, self._maps(frozen.base, fields, objective)) + (sides[1] - sides[0]) / (2.0 * share)
+
+    def estimate(self) -> Estimate:
+        """Return the value with its errors."""
+        scene, exported = self._scene()
+        objective = self._objective(scene)
+        maps = self._maps(exported.document, self._fields(scene), objective)
+        others = [self.of(objective, [{key: of.without(block) for key, of in field.items()} for field in maps])
+                  for block in range(self.given["blocks"])]
+        return jackknife(self.of(objective, maps), np.array(others))
+
+    def of(self, objective: Objective, maps: Sequence[Maps]) -> float:
+        """Return the number of some fields' maps."""
+        if isinstance(objective, RmsRadius):
+            return float(np.sqrt(np.mean([objective.value(of_field)**2 for of_field in maps])))
+        return objective.value(together(maps))
+
+    def _scene(self) -> tuple[Any, ExportedScene]:
+        """Return the scene of the optic. The image keeps the size of the first one."""
+        given = self.given
+        frozen = _state.optics.setdefault(given["optic"], _Frozen())
+        found = self._scene_of(frozen)
+        faces = sum(isinstance(live, RefractiveComponent) for live in found[0].surfaces)
+        self._depth = max(16, 4 * faces)
+        return found
+
+    def _scene_of(self, frozen: _Frozen) -> tuple[Any, ExportedScene]:
+        given = self.given
+        size = given["detector_size"] or frozen.size
+        options = {key: given[key] for key in ("detector_pixels", "edges", "margin")}
+        # The scenes of one step are the same: what tells lenses apart is their content.
+        wants_graph = be.get_backend() == "torch"
+        key = None if wants_graph else (id(given["optic"]), _content(given["optic"]), size, str(options))
+        if key is not None and key in _state.scenes:
+            return _state.scenes[key]  # type: ignore[no-any-return]
+        scene = from_optic(given["optic"], detector_size=size, **options)
+        if frozen.size is None and given["detector_size"] is None:
+            live = scene.detectors[0]
+            frozen.size = (float(live.width), float(live.height))
+        found = scene, export_wanted(scene) if wants_graph and be.grad_mode.requires_grad else export(scene)
+        if key is not None:
+            while len(_state.scenes) > 7:
+                _state.scenes.pop(next(iter(_state.scenes)))
+            _state.scenes[key] = found
+        return found
+
+    def _fields(self, scene: Any) -> list[str]:
+        """Return the names of the sources of the fields that are asked for."""
+        fields, names = self.given["fields"], scene.source_names
+        if fields is None:
+            return list(names)
+        is_list = isinstance(fields, Sequence | np.ndarray) and not isinstance(fields, str) and len(fields) > 0
+        if not is_list or any(isinstance(item, bool) or not isinstance(item, int | np.integer) or not 0 <= item < len(names) for item in fields):
+            raise UsageError(f"{self.name}: fields is {fields!r}; give a list of numbers of the optic's fields, 0 to {len(names) - 1}, or None")
+        return [names[item] for item in fields]
+
+    def _objective(self, scene: Any) -> Objective:
+        given = self.given
+        if given["detector"] not in scene.detector_names:
+            raise UsageError(f"{self.name}: the scene has no detector {given['detector']!r}; {near(str(given['detector']), scene.detector_names)}")
+        own = {key: given[key] for key in self.kind.own}
+        if "kernel" in own and own["kernel"] is None and self.name == "nsq_ghost_peak":
+            own["kernel"] = max(float(scene.detectors[0].width), float(scene.detectors[0].height)) * _KERNEL
+        where, guide = given["where"], given["guide"]
+        if where is not None and not isinstance(where, str):
+            raise UsageError(f'{self.name}: where is {where!r}; give a text, such as "reflections == 0"')
+        if self.kind.is_of_ghosts:
+            where = ghosts_of(scene) if where is None else where
+            guide = True if guide is None else guide
+        if guide not in (None, True, False):
+            raise UsageError(f"{self.name}: guide is {guide!r}; give True, False or None")
+        objective = self.kind.objective(detector=given["detector"], target=0.0, where=where, guide=bool(guide), name=self.name, **own)
+        blocks = whole_number("blocks", given["blocks"])
+        least = max(objective.fewest_blocks, 4)
+        if blocks < least:
+            raise UsageError(f"{self.name}: blocks is {blocks}; give {least} or more")
+        return objective
+
+    def asked(self, document: Json, objective: Objective) -> Asked:
+        """Return how a field is traced."""
+        given = self.given
+        depth = given["max_depth"]
+        if depth is None:
+            depth = document["depth"]
+        asked = Asked(whole_number("num_rays", given["num_rays"]), whole_number("blocks", given["blocks"]),
+                      whole_number("seed", given["seed"]), whole_number("max_depth", depth), given["precision"], objective.where)
+        if not objective.guide:
+            return asked
+        file, is_new = self._tracer.guide(without_depth(document), objective.where, max_depth=asked.max_depth, seed=asked.seed)
+        if is_new:
+            source = document["sources"][0]["name"]
+            _state.log.note(f"{self.name}: a guide was learned for {source}, and stays")
+        return Asked(**{**asked.__dict__, "guide": file})
+
+    def maps_of(self, document: Json, objective: Objective, numbers: dict[str, float] | None = None) -> Maps:
+        """Return the maps of a field."""
+        asked = self.asked(document, objective)
+        plain = without_depth(document)
+        return self._tracer.maps(to_json(plain, indent=None), asked, numbers, plain["detectors"])
+
+    @property
+    def tracer(self) -> Tracer:
+        """Return what traces."""
+        return self._tracer
+
+    @property
+    def log(self) -> Log:
+        """Return the log of all operands."""
+        return _state.log
+
+    def _maps(self, document: Json, fields: Sequence[str], objective: Objective) -> list[Maps]:
+        return [self.maps_of(of_field, objective) for of_field in self.alone(document, fields)]
+
+    def alone(self, document: Json, fields: Sequence[str]) -> list[Json]:
+        """Return a scene for each field, with its light alone, and beside it the depth that ghosts of the scene need."""
+        block = {key: value for key, value in document.get("nsq_gpu", {}).items() if key != "elements"}
+        found = []
+        for name in fields:
+            sources = [source for source in document["sources"] if source["name"] == name]
+            found.append({**document, "sources": sources, "nsq_gpu": block, "depth": self._depth})
+        return found
+
+
+def without_depth(document: Json) -> Json:
+    """Return the document of a scene file."""
+    return {key: value for key, value in document.items() if key != "depth"}
+
+
+def together(maps: Sequence[Maps]) -> Maps:
+    """Return the light of all fields together."""
+    found: dict[str, BlockMaps] = dict(maps[0])
+    for other in maps[1:]:
+        found = {name: of.added(other[name]) for name, of in found.items()}
+    return found
+
+
+def ghosts_of(scene: Any) -> str:
+    """Return which light is a ghost: reflected at least twice, once or more by a face that refracts, and not scattered."""
+    labels = export(scene).surface_labels
+    refracting = [label for label, live in zip(labels, scene.surfaces, strict=True) if isinstance(live, RefractiveComponent)]
+    mirrors = [live for live in scene.surfaces if type(live).__name__.startswith("Reflect")]
+    if not mirrors:
+        return GHOSTS
+    return f"{GHOSTS} and ({' or '.join(f'reflected({label})' for label in refracting)})"
+
+
+def _content(optic: Any) -> Any:
+    """Return what tells an optic from what it was before, or a number that is never the same where it cannot be written."""
+    try:
+        return repr(optic.to_dict())
+    except Exception:
+        return object()

@@ -1,0 +1,319 @@
+"""``Problem``: gradients against differences, standard errors that hold, designs with a known optimum, stops and restarts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from optiland.materials import IdealMaterial
+from optiland.nonsequential import LensConfig, NSQMaterial, NSQScene
+from optiland.nonsequential.detectors.configs import FarFieldDetectorConfig, IrradianceDetectorConfig
+from optiland.nonsequential.sources.base import Spectrum
+from optiland.nonsequential.sources.configs import CollimatedSourceConfig
+
+import nsq_gpu
+from nsq_gpu.design import METHODS, Design, EncircledEnergy, Flux, GhostFlux, GhostPeak, Log, MatchMap, Objective, Peak, RmsRadius, Step, Uniformity
+from tests import live
+from tests.live import cs
+
+DIRECT = "reflections == 0"
+
+
+@pytest.fixture(autouse=True)
+def program(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setenv("NSQ_GPU_BINARY", live.binary())
+    with live.quiet():
+        yield
+
+
+def singlet(r1: float = 60.0, z: float = 52.0, splat: str = "bilinear", width: float = 4.0, beam: float = 8.0) -> NSQScene:
+    """Return a lens in parallel light, whose rim the light keeps clear of, and a screen before its focus."""
+    scene = NSQScene()
+    glass = NSQMaterial(IdealMaterial(1.5168))
+    scene.add_source("beam", cs(z=-20.0), CollimatedSourceConfig(Spectrum([0.55], [1.0]), aperture_radius=beam))
+    scene.add_lens("L", cs(), LensConfig(r1, -60.0, 5.0, glass, 14.0))
+    scene.add_detector("image", cs(z=z), IrradianceDetectorConfig(width, width, 64, 64, splat=splat))
+    return scene
+
+
+def problem(*operands: Objective, scene: NSQScene | None = None, variables: Any = None, **options: Any) -> nsq_gpu.Problem:
+    return nsq_gpu.Problem(scene or singlet(), variables or {"image.z": (50.0, 56.0), "L.r1": (55.0, 66.0)},
+                           operands or (RmsRadius(detector="image", target=0, where=DIRECT),), **{"num_rays": 8000, **options})
+
+
+SMOOTH = {
+    "flux": Flux(detector="image", target=2.0, circle=(0.0, 0.0, 0.9), where=DIRECT),
+    "uniformity": Uniformity(detector="image", target=1.0, kernel=0.1),
+    "rms radius": RmsRadius(detector="image", target=0.0, where=DIRECT),
+    "encircled energy": EncircledEnergy(detector="image", target=1.0, radius=0.8),
+    "match": MatchMap(detector="image", target=0.0, wanted=np.hypot(*np.mgrid[-1:1:64j, -1:1:64j]) < 0.5),
+    "peak": Peak(detector="image", target=0.0, kernel=0.1, order=4),
+}
+
+
+# Values and gradients
+
+
+@pytest.mark.parametrize("name", SMOOTH)
+def test_gradients_of_both_kinds_agree(name: str) -> None:
+    """Rays that are walked back give what a difference of two traces by the same draws gives, and so do the errors."""
+    walked = problem(SMOOTH[name], gradient="reverse").gradient()
+    differences = problem(SMOOTH[name], gradient="differences", step=0.004).gradient()
+    assert walked.found_by == ["reverse"] * 2 and differences.found_by == ["differences"] * 2
+    # Decisions that change make the difference noisier; its error says by how much.
+    sigma = np.hypot(walked.standard_errors, differences.standard_errors)
+    assert (np.abs(walked.values - differences.values) < 3 * sigma).all()
+    np.testing.assert_allclose(walked.values, differences.values, rtol=0.05, atol=2 * sigma.max() * 0.2)
+    assert (np.abs(walked.values) > 3 * walked.standard_errors).any()
+
+
+@pytest.mark.parametrize("gradient", ["reverse", "differences"])
+def test_errors_of_values_and_gradients_are_their_spread_over_seeds(gradient: str) -> None:
+    """Two operands, so that the adjoints are noisy, too."""
+    found = []
+    for seed in range(40):
+        one = problem(SMOOTH["flux"], SMOOTH["rms radius"], seed=seed, gradient=gradient, num_rays=2000, variables={"image.z": (50.0, 56.0)})
+        value, slope = one.value(), one.gradient()
+        found.append((value.value, value.standard_error, slope.values[0], slope.standard_errors[0]))
+    values, errors, slopes, slope_errors = np.array(found).T
+    for numbers, their in ((values, errors), (slopes, slope_errors)):
+        # A spread over 40 seeds is known to 11 %, a root mean square of errors of ten blocks to 4 %.
+        assert np.sqrt((their**2).mean()) == pytest.approx(numbers.std(ddof=1), rel=0.35)
+        # Student's t with nine degrees of freedom: 95 % lie within 2.26.
+        assert (np.abs(numbers - numbers.mean()) < 2.26 * their).mean() >= 0.875
+
+
+def test_a_merit_is_that_of_its_operands() -> None:
+    found = problem(Flux(detector="image", target=2.0, weight=3.0), Flux(detector="image", max_val=0.5, name="too much")).value()
+    flux = found.operands["flux on image"].value
+    assert flux == pytest.approx(((1 - ((0.5168) / 2.5168)**2)**2), rel=0.02)
+    assert float(found) == pytest.approx(9 * (flux - 2)**2 + (flux - 0.5)**2, rel=1e-12)
+
+
+def test_light_that_crosses_edges_has_differences(tmp_path: Path) -> None:
+    """A screen that is narrower than the light loses it across its edge, which rays that are walked back cannot see."""
+    narrow = singlet(width=1.0)
+    walked = problem(Flux(detector="image", target=2.0), scene=narrow, gradient="reverse", variables={"image.z": (50.0, 56.0)})
+    chosen = problem(Flux(detector="image", target=2.0), scene=narrow, variables={"image.z": (50.0, 56.0)})
+    assert chosen.gradient().found_by == ["differences"]
+    assert any("crosses edges where image.z" in said for _, said in chosen.log.notes)
+    assert any("leaves that light out" in said for _, said in walked.log.notes or [(0, "leaves that light out")])
+    # The beam's radius at the screen is 8 (1 - z/f); the screen takes its own area's share of the beam's.
+    slope, step = chosen.gradient(), 0.2
+    flux = [problem(Flux(detector="image", target=2.0), scene=singlet(z=52.0 + by, width=1.0), num_rays=80_000,
+                    variables={"L.r1": (55.0, 66.0)}).value().value for by in (-step, step)]
+    long = (flux[1] - flux[0]) / (2 * step)
+    assert slope.values[0] == pytest.approx(long, abs=4 * slope.standard_errors[0] + 0.05 * abs(long))
+
+
+def test_hard_pixels_and_guided_light_have_differences_and_the_log_says_so() -> None:
+    for scene, operand, why in ((singlet(splat="hard"), Flux(detector="image", target=1.0), "pixels of image are hard"),
+                                (singlet(), GhostFlux(detector="image", target=0.0), "is guided")):
+        one = problem(operand, scene=scene, num_rays=2000)
+        assert one.gradient().found_by == ["differences"] * 2
+        assert any(why in said for _, said in one.log.notes)
+        with pytest.raises(nsq_gpu.UsageError, match=why):
+            problem(operand, scene=scene, gradient="reverse", num_rays=2000).gradient()
+
+
+def test_ghosts_are_those_of_plain_rays() -> None:
+    guided = problem(GhostFlux(detector="image", target=0.0), num_rays=40_000).value().operands["ghost flux on image"]
+    plain = problem(GhostFlux(detector="image", target=0.0, guide=False), num_rays=400_000).value().operands["ghost flux on image"]
+    assert abs(guided.value - plain.value) < 4 * np.hypot(guided.standard_error, plain.standard_error)
+    assert guided.standard_error < 1.5 * plain.standard_error
+    peak = problem(GhostPeak(detector="image", target=0.0, kernel=0.3, order=4), num_rays=40_000).value().operands["ghost peak on image"]
+    assert 0.0 < peak.value < guided.value and peak.standard_error < peak.value
+
+
+def test_one_trace_serves_all_operands_and_values_come_back() -> None:
+    one = problem(*SMOOTH.values())
+    one.value()
+    first = one._tracer.num_traces
+    # All light, and direct light, in ten blocks each.
+    assert first == 20
+    one.value()
+    assert one._tracer.num_traces == first
+
+
+# Designs
+
+
+def test_all_methods_find_the_focus() -> None:
+    focus = {"image.z": (58.0, 68.0)}
+    expected = None
+    for method in ("L-BFGS-B", "SLSQP", "TNC", "trust-constr", "Nelder-Mead", "Powell", "COBYLA"):
+        found = problem(variables=focus, num_rays=4000, scene=singlet(z=60.0)).minimize(method, max_rays=4000, tolerance=1e-6)
+        expected = expected or found
+        error = np.hypot(found.standard_errors["image.z"], expected.standard_errors["image.z"])
+        assert found.numbers["image.z"] == pytest.approx(expected.numbers["image.z"], abs=4 * error), method
+
+
+def test_errors_of_variables_are_their_spread_over_seeds() -> None:
+    found = []
+    for seed in range(16):
+        design = problem(variables={"image.z": (58.0, 68.0)}, num_rays=2000, seed=seed, scene=singlet(z=60.0)).minimize(max_rays=4000)
+        found.append((design.numbers["image.z"], design.standard_errors["image.z"]))
+    values, errors = np.array(found).T
+    assert np.sqrt((errors**2).mean()) == pytest.approx(values.std(ddof=1), rel=0.6)
+    assert (np.abs(values - values.mean()) < 3 * errors).mean() >= 0.8
+
+
+def test_the_best_form_of_a_singlet_is_coddingtons() -> None:
+    """For light from infinity a thin lens of index n has the least spherical aberration at q = 2 (n^2 - 1) / (n + 2)."""
+    n, image = 1.5168, 200.0
+    scene = NSQScene()
+    scene.add_source("beam", cs(z=-20.0), CollimatedSourceConfig(Spectrum([0.55], [1.0]), aperture_radius=12.0))
+    scene.add_lens("L", cs(), LensConfig(200.0, -200.0, 2.0, NSQMaterial(IdealMaterial(n)), 12.5))
+    scene.add_detector("image", cs(z=image), IrradianceDetectorConfig(2.4, 2.4, 256, 256))
+    one = problem(scene=scene, variables={"L.r1": (90.0, 220.0), "L.r2": (-1500.0, -150.0)}, num_rays=10_000)
+    design = one.minimize("SLSQP", max_rays=40_000, tolerance=1e-9, steps=60)
+    r1, r2 = design.numbers["L.r1"], design.numbers["L.r2"]
+    # The second radius may be far: q is what the aberration depends on.
+    q = (r2 + r1) / (r2 - r1)
+    assert q == pytest.approx(2 * (n**2 - 1) / (n + 2), abs=0.06)
+    focal = 1 / ((n - 1) * (1 / r1 - 1 / r2 + (n - 1) * 2.0 / (n * r1 * r2)))
+    assert focal == pytest.approx(image, rel=0.02)
+    assert design.fresh is not None and design.fresh.value < 0.1 * design.log.steps[0].merit
+
+
+def test_rays_grow_between_stages_alone() -> None:
+    design = problem(num_rays=2000, scene=singlet(z=60.0), variables={"image.z": (58.0, 68.0)}).minimize(max_rays=30_000)
+    rays = [step.num_rays for step in design.log.steps]
+    assert rays == sorted(rays) and set(rays) == {2000, 8000, 30_000}
+    for one, other in zip(design.log.steps, design.log.steps[1:], strict=False):
+        assert (one.num_rays == other.num_rays) == (one.stage == other.stage)
+    assert sum("restart with" in said for _, said in design.log.notes) == 2
+    assert design.fresh is not None and design.fresh.num_rays == 120_000
+    assert "restart with 8,000 rays" in repr(design.log) and "image.z" in repr(design)
+
+
+def test_a_scene_that_cannot_be_traced_is_a_bad_design() -> None:
+    # Where the screen stands within the lens the program refuses the scene, or no light comes.
+    one = problem(variables={"L.thickness": (-3.0, 8.0)}, num_rays=2000)
+    with pytest.raises(nsq_gpu.SceneError):
+        one.value({"L.thickness": -1.0})
+    design = one.minimize("differential_evolution", max_rays=2000, maxiter=1, popsize=5, errors=False)
+    assert design.numbers["L.thickness"] > 0.0
+    assert any("cannot be traced" in said for _, said in design.log.notes)
+
+
+# Stops and restarts
+
+
+def test_an_interrupt_keeps_the_best(tmp_path: Path) -> None:
+    def interrupt(step: Step) -> None:
+        if step.step == 2:
+            raise KeyboardInterrupt
+
+    file = tmp_path / "log.json"
+    one = problem(num_rays=2000)
+    with pytest.raises(nsq_gpu.Interrupted) as stop:
+        one.minimize(max_rays=64_000, callback=interrupt, log=file)
+    design = stop.value.partial
+    assert isinstance(design, Design) and design.partial and design.fresh is None
+    assert design.value.value == min(step.merit for step in design.log.steps)
+    known = Log.load(file)
+    assert known.steps == design.log.steps and "interrupted; the best is kept" in known.notes[-1][1]
+    again = problem(num_rays=2000)
+    found = again.minimize(max_rays=8000, resume=file)
+    assert found.log.steps[:3] == known.steps
+    assert found.value.value <= design.value.value * 1.05
+    assert found.log.steps[3].x == pytest.approx(design.x)
+    assert found.log.steps[-1].rays_so_far > known.steps[-1].rays_so_far
+
+
+def test_a_log_of_another_problem_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "log.json"
+    problem(num_rays=2000).minimize(max_rays=2000, steps=1, log=file, errors=False)
+    with pytest.raises(nsq_gpu.UsageError, match="seed differ"):
+        problem(num_rays=2000, seed=3).minimize(resume=file)
+    with pytest.raises(nsq_gpu.UsageError, match="operands differ"):
+        problem(SMOOTH["flux"], num_rays=2000).minimize(resume=file)
+    file.write_text("{}")
+    with pytest.raises(nsq_gpu.UsageError, match="is no log"):
+        problem(num_rays=2000).minimize(resume=file)
+
+
+def test_a_callback_a_budget_and_steps_end_it() -> None:
+    assert problem(num_rays=2000).minimize(callback=lambda step: step.step >= 1, errors=False).reason == "the callback stopped it"
+    assert problem(num_rays=2000).minimize(steps=2, errors=False).reason == "2 steps are done"
+    found = problem(num_rays=2000).minimize(budget=9000, errors=False)
+    assert "budget of 9,000 rays" in found.reason
+
+
+def test_other_draws_are_a_restart_that_the_log_has() -> None:
+    one = problem(num_rays=2000)
+    first = float(one.value())
+    one.renew()
+    assert float(one.value()) != first and any("restart: seed 1" in said for _, said in one.log.notes)
+    one.renew(seed=0)
+    assert float(one.value()) == first
+
+
+def test_what_is_frozen_stays() -> None:
+    one = problem(num_rays=2000)
+    settings = one.settings()
+    assert settings["precision"] in ("f32", "f64", "df64") and settings["max_depth"] >= 16
+    design = one.minimize(max_rays=2000, errors=False)
+    assert design.log.settings == settings == one.settings()
+
+
+def test_scipy_takes_a_problem_as_it_is() -> None:
+    from scipy import optimize
+
+    one = problem(scene=singlet(z=60.0), variables={"image.z": (58.0, 68.0)})
+    found = optimize.minimize(**one.for_scipy(), method="L-BFGS-B")
+    assert found.x[0] == pytest.approx(one.minimize(max_rays=8000).numbers["image.z"], abs=0.05)
+
+
+def test_a_log_has_a_plot() -> None:
+    matplotlib = pytest.importorskip("matplotlib")
+    matplotlib.use("Agg")
+    design = problem(num_rays=2000).minimize(max_rays=8000, errors=False)
+    axes = design.plot()
+    assert axes.get_ylabel() == "merit" and len(axes.containers[0][0].get_xdata()) == len(design.log)
+
+
+# What is refused
+
+
+def with_far_field() -> NSQScene:
+    scene = singlet()
+    scene.add_detector("sky", cs(z=80.0), FarFieldDetectorConfig())
+    return scene
+
+
+@pytest.mark.parametrize(("make", "said"), [
+    (lambda: problem(variables={"L.rr1": (1, 2)}), "L.rr1|no number"),
+    (lambda: problem(variables={"M.r1": (1, 2)}), "M.r1"),
+    (lambda: problem(variables={"L.r1": (2, 1)}), "least and its largest"),
+    (lambda: problem(variables={"L.r1": 5}), "least and its largest"),
+    (lambda: problem(variables=["L.r1"]), "give a dictionary"),
+    (lambda: problem(Flux(detector="imag", target=1)), "did you mean 'image'"),
+    (lambda: problem(Flux(detector="sky", target=1), scene=with_far_field()), "far_field"),
+    (lambda: problem(3), "give operands of nsq_gpu.design"),
+    (lambda: problem(gradient="revers"), "did you mean 'reverse'"),
+    (lambda: problem(blocks=3), "give 4 or more"),
+    (lambda: problem(Peak(detector="image", target=0, kernel=0.2, order=10)), "give 11 or more"),
+    (lambda: problem(step=0.5), "share of the range"),
+    (lambda: problem(num_rays=5), "at least one for each"),
+    (lambda: problem().minimize("LBFGS"), "did you mean 'L-BFGS-B'"),
+    (lambda: problem().minimize(x0={"L.r": 3}), "did you mean 'L.r1'"),
+    (lambda: problem().minimize(x0={"L.r1": 60}), "lacks 'image.z'"),
+    (lambda: problem().minimize(x0=[50.0, 200.0]), "beyond the bounds of L.r1"),
+    (lambda: problem().minimize(growth=1), "2 or more"),
+    (lambda: problem().value([1.0]), "give 2"),
+    (lambda: problem().value([np.nan, 1.0]), "finite"),
+    (lambda: problem(Flux(detector="image", target=1, where="reflection == 1")).value(), "reflection"),
+    (lambda: problem(MatchMap(detector="image", target=0, wanted=np.ones((3, 3)))).value(), "shape"),
+])
+def test_what_makes_no_sense_is_refused_by_name(make: Any, said: str) -> None:
+    with pytest.raises(nsq_gpu.NsqGpuError, match=said):
+        make()
+
+
+def test_every_method_is_named_once() -> None:
+    assert len(set(METHODS)) == len(METHODS)
