@@ -56,13 +56,13 @@ pub(crate) struct Cpu {
     ids: Option<wgpu::Buffer>,
 }
 
-/// The stages that follow paths, by their numbers: that of the hot path, then those of side traces.
+/// The stages that follow paths, by their numbers: the stage of the hot path, then the stages of side traces.
 const HOT_PATH: usize = 0;
 const FIRST_SIDE_TRACE: usize = 1;
 
 impl Cpu {
-    /// What pays on an adapter; none where the plain loop does all, unless something is asked for. The stages of paths have
-    /// the scene's numbers compiled in.
+    /// What pays on an adapter. `None` where the plain loop does all, unless something is asked for. The stages of
+    /// paths have the scene's numbers compiled in.
     pub(crate) fn for_adapter(gpu: &Gpu, options: &TraceOptions, overrides: &CpuOverrides) -> Option<Self> {
         if options.live {
             return None;
@@ -99,9 +99,10 @@ impl Cpu {
     fn dispatch(&mut self, engine: &mut Engine, range: &RayRange, rays: Rays) -> Result<()> {
         let route = self.route(&engine.plan.program, &rays);
         if self.traits.processors.is_some() {
-            // A driver may try at a stage's first dispatch what compiling it for the numbers of one range would save. Lavapipe
-            // (Mesa 22.3) takes a shader that grew for one that shrank, and then compiles it anew for every range; one that
-            // begins at ray 0 makes none grow. So the first dispatch is such a one, of no workgroups.
+            // At a stage's first dispatch a driver may try what compiling it for the numbers of one range would save.
+            // Lavapipe (Mesa 22.3) takes a shader that grew for one that shrank, and then compiles it anew for every
+            // range. No shader grows for a range that begins at ray 0. So the first dispatch begins there, and has no
+            // workgroups.
             engine.prime(route, range)?;
         }
         let start = Instant::now();
@@ -147,7 +148,7 @@ impl Cpu {
     }
 }
 
-/// A stage for each path. Those of side traces are compiled when they are first needed.
+/// A stage for each path. The stages of side traces are compiled when they are first needed.
 fn path_stages(program: &Program) -> Vec<AddedStage> {
     let added = CpuShader::of_program(program);
     let main = added.hot_path.iter().map(|_| AddedStage {
@@ -258,7 +259,7 @@ impl Addition for Cpu {
         Ok(())
     }
 
-    /// Those of the hot path take so little time that they are always a batch.
+    /// Dispatches along the hot path take so little time that each is a whole batch.
     fn range_rays(&self, engine: &Engine) -> Option<u32> {
         let follows_path = CpuShader::of_program(&engine.plan.program).hot_path.is_some()
             && self.path_pays(&engine.plan.program);

@@ -28,7 +28,7 @@ pub struct CpuShader {
     pub deposit_log: Option<DepositLog>,
     /// The hot path, if it has a stage of its own; the other stages then trace the rays that fail its guards.
     pub hot_path: Option<HotPath>,
-    /// What that stage logs, where positions tell all, alone or with weights.
+    /// What that stage logs, where positions alone or with weights are enough.
     pub path_log: Option<PathLog>,
     /// The paths that `trace_side_a` and so on follow, which log as it does.
     pub side_traces: Vec<SideTrace>,
@@ -98,9 +98,9 @@ impl CpuShader {
     }
 }
 
-/// Rays that an invocation follows along a path one after the other. Their bins then go to memory once for all of them. It is
-/// one where the path takes nothing from its rays, or their weights report what it takes: a loop would cost more than it
-/// spares. It is one, too, where a single ray already has long loops.
+/// Rays that an invocation follows along a path one after the other. Their bins then go to memory once for all of them.
+/// One ray, where the path takes nothing from its rays, or their weights report what the path takes. A loop would then
+/// cost more than it saves. One ray, too, where a single ray already has long loops.
 fn rays_per_invocation(scene: &ProgramInput, log: Option<&PathLog>) -> u32 {
     let [.., gaussian] = scene.features.splats;
     let deposits_nothing =

@@ -66,7 +66,7 @@ impl ProgramAddition for Derivatives {
         // The trace of the light has counted them already.
         options.counts_wrong_sides = false;
         match self {
-            // The copies of cells are those of tangents.
+            // The copies of cells hold tangents.
             Derivatives::Tangents(_) => options.moments = SecondMoments::None,
             Derivatives::Adjoints => {
                 options.fixed_rays_per_invocation = Some(rays_walked_back(features, options));

@@ -1,4 +1,4 @@
-//! Walks the rays of a trace back, from adjoints of the detectors' cells to those of the scene's numbers
+//! Walks the rays of a trace back, from adjoints of the detectors' cells to adjoints of the scene's numbers
 //! ([`crate::program::rewrite::transpose`]).
 
 use crate::derivatives::Derivatives;

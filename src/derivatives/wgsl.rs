@@ -1,5 +1,5 @@
-//! Composes what derivatives need beside the plain text (shaders/derivatives): functions that take the place of the loop's,
-//! and the step from a hit to where the surface has moved.
+//! Composes what derivatives need beside the plain text (shaders/derivatives). Some functions take the place of the
+//! loop's. Another is the step from a hit to where the surface has moved.
 
 use crate::error::{Error, Result};
 use crate::model::primitives::primitives;

@@ -40,7 +40,7 @@ PHRASES = {
 # (end of the path, words of the sentence): the reason why it stays.
 EXCEPTIONS = {}
 
-ABBREVIATIONS = r"(?:\b(?:e\.g|i\.e|cf|vs|al|Fig|Figs|Eq|Eqs|No|Nos|Sec|Ch|Vol|pp|ca|approx|St|Dr|Mr|Inc)\.|\b[A-Z]\.)"
+ABBREVIATIONS = r"(?:\b(?:e\.g|i\.e|cf|vs|al|Fig|Figs|Eq|Eqs|No|Nos|Sec|Ch|Vol|pp|ca|approx|St|Dr|Mr|Inc)\.|(?:(?<=[(] )|(?<=[(])|(?<=, )|(?<=\. )|(?<=by ))[A-Z]\.)"
 
 
 def plain(text):

@@ -19,7 +19,7 @@ pub(crate) fn bits(mut word: u64) -> impl Iterator<Item = usize> {
     })
 }
 
-/// `quantize` in sums.wgsl: floor(w 2^52), or none for what no sum can hold.
+/// `quantize` in sums.wgsl: floor(w 2^52). `None` for a weight that is too large, negative or NaN.
 pub(crate) fn quantize(weight: f64) -> Option<u128> {
     const LIMIT: f64 = (1_u64 << 43) as f64;
     (0.0..LIMIT).contains(&weight).then_some((weight * QUANTA_PER_UNIT as f64) as u128)

@@ -38,7 +38,7 @@ pub struct LogBuffers {
     /// Rays of each dispatch that was timed, and what it took, since the last time they were asked for.
     times: Vec<(u32, Duration)>,
     fallback: FallbackQueues,
-    /// Rays of ranges that were added up in this trace, and those of them that failed a guard.
+    /// Rays of ranges that were added up in this trace, and how many of these rays failed a guard.
     num_followed: u64,
     num_failed: u64,
 }
@@ -69,9 +69,9 @@ struct Written {
 /// Which rays a dispatch traces.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Rays {
-    /// Those of its range, along the hot path if there is one.
+    /// The rays of its range, along the hot path if there is one.
     OfRange,
-    /// Those that failed a guard of the hot path, along a side trace.
+    /// Rays that failed a guard of the hot path, along a side trace.
     OfSide {
         /// Its number.
         side: usize,
@@ -116,8 +116,8 @@ impl LogBuffers {
         })
     }
 
-    /// Lets rays that fail a guard of the hot path follow side traces: where that pays, of so many rays that are to be traced,
-    /// if that is known, or always.
+    /// Lets rays that fail a guard of the hot path follow side traces: always, or where a side trace pays.
+    /// `num_expected` is the number of rays to be traced, where that is known.
     pub fn follow_sides(&mut self, side_traces: &[SideTrace], num_expected: Option<u64>, always: bool) {
         self.side_traces = side_traces.iter().map(|side| side.log.clone()).collect();
         self.fallback = FallbackQueues::new(side_traces, num_expected, always);
@@ -207,8 +207,7 @@ impl LogBuffers {
 
     /// The sums since the last time.
     ///
-    /// # Errors
-    /// [`Error::Internal`] if those of the threads do not fit together.
+    /// # Errors [`Error::Internal`] if the sums of the threads do not fit together.
     pub fn take(&mut self, cells: &Cells) -> Result<DepositSums> {
         let empty = no_sums(self.sums.len(), cells, &self.shape);
         let mut parts = std::mem::replace(&mut self.sums, empty);
@@ -272,8 +271,8 @@ impl LogBuffers {
     }
 }
 
-/// Threads that add up. Lavapipe deals a dispatch out to all processors in equal parts and waits for each: a lone thread
-/// would keep one of them from its part, and then the others wait.
+/// Threads that add up. Lavapipe deals a dispatch out to all processors in equal parts, and waits for each part. A lone
+/// thread would keep one processor from its part, and the others would wait.
 fn num_threads(cells: &Cells) -> usize {
     processors::count().min(MOST_THREADS).min(MOST_CELLS / cells.num_cells.max(1) as usize).max(1)
 }

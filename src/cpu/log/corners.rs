@@ -1,5 +1,5 @@
-//! What positions leave on a detector, by the corners between its pixels: the taps of a position lie side by side there,
-//! and are added in one vector. Pixels get it when all is added up.
+//! Sums of logged positions on a detector, one row for each corner between pixels. At a corner the four taps of a
+//! position lie side by side, and are added as one vector. Pixels get their sums when all is added up.
 
 use crate::cpu::log::format::Grid;
 use crate::cpu::log::reals::pixels_at;
@@ -27,12 +27,12 @@ impl CornerSums {
         CornerSums { grid, words, start }
     }
 
-    /// Those of this grid.
+    /// Whether these are the sums of this grid.
     pub fn are_of(&self, grid: &Grid) -> bool {
         self.grid == *grid
     }
 
-    /// Adds to the taps of a corner what is below 2^63, and tells whether a sum has lost a carry.
+    /// Adds quanta below 2^63 to the taps of a corner. The result is whether a sum has lost a carry.
     #[inline(always)]
     pub fn add(&mut self, corner: u32, quanta: [u64; TAPS]) -> Option<bool> {
         let first = self.start + TAPS * corner as usize;

@@ -1,5 +1,5 @@
-//! Entries of the deposit log, as they lie in memory (shaders/cpu/log/entries.*.wgsl); those that are positions are in
-//! [`crate::cpu::log::positions`].
+//! Entries of the deposit log, as they lie in memory (shaders/cpu/log/entries.*.wgsl). [`crate::cpu::log::positions`]
+//! has the entries that are positions.
 
 use crate::cpu::log::format::CELL_BITS;
 use crate::cpu::log::reals::Real;

@@ -1,6 +1,6 @@
-//! Ends that are logged as positions on a detector (`LOGS_POSITIONS` in shaders/cpu/log/entries.*.wgsl): between which pixels they
-//! lie, and how many quanta each of these takes, for a block of rays at once and without branches, so that it is
-//! compiled to vectors.
+//! Ends that are logged as positions on a detector (`LOGS_POSITIONS` in shaders/cpu/log/entries.*.wgsl). For each
+//! position this module finds the four pixels around it, and how many quanta each pixel takes. A block of rays is laid
+//! out at once and without branches, so that the code is compiled to vectors.
 
 use crate::cpu::log::bits::bits;
 use crate::cpu::log::entries::End;
@@ -27,7 +27,7 @@ pub struct Block<T> {
     parts: [[T; BLOCK]; 3],
 }
 
-/// The taps of a position on a map whose pixels have one cell each, as those of irradiance have (`bilinear_taps` in
+/// The taps of a position on a map whose pixels have one cell each, as pixels of irradiance have (`bilinear_taps` in
 /// splat.wgsl).
 #[derive(Debug, Clone, Copy)]
 pub struct PositionTaps<T> {
@@ -103,8 +103,8 @@ impl<T: Real> Block<T> {
         bits(rays).map(|ray| u128::from(self.quanta[ray].iter().sum::<u64>())).sum()
     }
 
-    /// Lays out what at most [`BLOCK`] rays have logged, who leave each of these weights; where they log their own, there is
-    /// one, which counts for nothing but that.
+    /// Lays out what at most [`BLOCK`] rays have logged. Each ray leaves each of these weights. Where rays log their
+    /// own weights, `weights` has one element, whose value means nothing.
     pub fn lay_out<E: PositionEntry<Real = T>>(&mut self, entries: &[E], weights: &[T], grid: &Grid) {
         match entries.try_into() {
             Ok(entries) => self.lay_out_all(entries, weights, grid),

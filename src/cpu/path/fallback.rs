@@ -6,10 +6,10 @@ use crate::cpu::path::pays;
 use crate::cpu::path::side_trace::SideTrace;
 use crate::program::RayRange;
 
-/// A stage for so many rays saves what it takes to compile: 0.06 s for a lens, 0.5 s for a double Gauss, on lavapipe. Of 2^17
-/// to 2^21 this number was the best for a lens, a triplet and a double Gauss together, in traces of 5e6 to 1e8 rays. Where
-/// nobody knows how many are to come, as many are awaited, so that a stage never costs more than once again what is lost
-/// without it.
+/// A stage for so many rays saves what it takes to compile: 0.06 s for a lens, 0.5 s for a double Gauss, on lavapipe.
+/// Of 2^17 to 2^21 this number was the best for a lens, a triplet and a double Gauss together. Traces had 5e6 to 1e8
+/// rays. Where nobody knows how many rays will come, a stage waits until as many have come. So a stage at most doubles
+/// what is lost without it.
 const STAGE_PAYS: f64 = (1 << 19) as f64;
 
 /// Fewer rays of a side trace are sooner traced with others: a dispatch of their own takes longer than is saved.
@@ -34,15 +34,16 @@ struct Side {
     /// Of all rays, by the profile.
     share: f64,
     is_always_followed: bool,
-    /// Rays of this trace that were to keep to it, and those of them that failed a guard.
+    /// Rays of this trace that were to keep to the side trace, and how many of these rays failed a guard.
     followed_and_failed: [u64; 2],
 }
 
 /// Ids of rays.
 #[derive(Debug)]
 struct Waiting {
-    /// Per event of the hot path whose guard they failed, or the number of its events where that is seen at the end: their
-    /// ways are alike, and wide machines wait for the longest of those that they trace side by side.
+    /// Per event of the hot path whose guard the rays failed. The last element is for guards at the end of the path.
+    /// Such rays go alike, which matters because wide machines wait for the longest of the rays that they trace side by
+    /// side.
     by_event: [Vec<u64>; MAX_EVENTS as usize + 1],
     /// Per side trace.
     by_side: Vec<Vec<u64>>,
@@ -87,8 +88,8 @@ impl FallbackQueues {
         }
     }
 
-    /// Takes note of rays that failed a guard of a side trace, of all those with these ids: they follow the next one from
-    /// the same event.
+    /// Takes note of the rays that failed a guard of a side trace, by their numbers among these ids. Such rays follow
+    /// the next side trace from the same event.
     pub fn add_of_side(
         &mut self,
         side: usize,

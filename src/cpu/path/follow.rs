@@ -19,8 +19,8 @@ impl Cpu {
             || self.logs.as_ref().is_none_or(pays)
     }
 
-    /// Traces rays of a source that failed a guard of the hot path along side traces, while so many wait for these; false if
-    /// there were fewer.
+    /// Traces rays of a source that failed a guard of the hot path along a side trace, if so many wait for one. False
+    /// if fewer wait.
     pub(in crate::cpu) fn follow_sides(
         &mut self,
         engine: &mut Engine,

@@ -1,9 +1,9 @@
 //! The hot path: what most rays of a scene do, which shaders/cpu/path/hot_path.wgsl follows without a loop.
 //!
-//! Between two events of the path a ray stays in the box around what it leaves and what it meets next; a primitive whose
-//! box lies apart from that one cannot come between, and is not asked. The boxes are those of the tree (crate::program::geometry::tree),
-//! with the same room for roundings. Of the others, those that nearly all profiled rays miss are not searched: a
-//! miss test proves that each ray misses them (crate::cpu::path::miss_test).
+//! Between two faces of a lens no other face of it needs a search. The ray stays in the box around the two primitives
+//! of an event and the next. A primitive whose box lies apart cannot come between, and is not asked. Boxes and their
+//! room for roundings are the tree's (crate::program::geometry::tree). A primitive in the box is not searched either,
+//! if nearly all profiled rays miss it. A miss test then proves that each ray misses it (crate::cpu::path::miss_test).
 
 use crate::cpu::log::format::{self, DepositLog};
 use crate::cpu::path::miss_test::{self, MissTest, ProfiledRays};
@@ -170,7 +170,7 @@ fn crossing(
 
 /// The way of a path's rays to one of its events.
 struct Leg {
-    /// The primitive that it begins on; none where rays are born.
+    /// The primitive that it begins on. `None` where rays are born.
     leaves: Option<usize>,
     /// The one that it ends on.
     primitive: usize,
@@ -205,8 +205,8 @@ fn legs(births: Option<Aabb>, primitives: &[usize], boxes: &[Option<Aabb>]) -> i
     })
 }
 
-/// Whether a stage can follow a path, if there is one, without a trace of the rays that fail its guards: the log must name
-/// them, and nothing that rays meet on their way may go to memory at once.
+/// Whether a stage can follow a path, if there is one, so that rays that fail its guards leave no trace. The log must
+/// name these rays, and nothing that rays meet on their way may go to memory at once.
 pub fn is_possible(ir: &SceneIr, options: &ProgramOptions) -> bool {
     let features = Features::of(ir, &options.weights, options.roulette_threshold, options.max_depth);
     let cells = Cells::of(ir);

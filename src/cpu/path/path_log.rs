@@ -1,10 +1,11 @@
-//! The record that a ray on a hot path or a side trace writes: its hit positions on detectors and, where weights differ,
-//! its weight or its end.
+//! The record that a ray writes on the hot path or a side trace. The record holds the ray's positions on detectors and,
+//! where weights differ, the weight or the end.
 //!
-//! Where all of them weigh the same at the same event, the host knows how much they leave. Where they arrive on a detector
-//! once more at the place of before, as between parallel mirrors, it knows that, too. Where media alone take something from
-//! them, their last weight tells what these took. The profile only says what may be so: guards of the stage look at each ray.
-//! A ray that weighs something else, loses something elsewhere or arrives elsewhere fails.
+//! Where all rays weigh the same at the same event, the host knows how much they leave, and no weight is logged. Where
+//! rays arrive once more at the same place, as between parallel mirrors, the host knows the place, too. Where media
+//! alone take something from rays, the last weight shows what media took. The profile only says what may be so: guards
+//! of the stage look at each ray. A ray that weighs something else, loses something elsewhere or arrives elsewhere
+//! fails a guard.
 
 use crate::cpu::log::format::{DepositLog, EntryFormat, Grid};
 use crate::cpu::path::hot_path::{Crossing, HotPath, HotPathEvent, LEAST_ASSUMED, ProfiledPath, SampledPath};
@@ -22,8 +23,8 @@ pub struct PathLog {
     pub places: Vec<Place>,
     /// What it leaves where it ends, unless that is on a detector.
     pub end: Option<LedgerEnd>,
-    /// Each place is logged with the weight there ([`Weight::Logged`]), and on so many of its ways a ray loses something to
-    /// the media, from its birth to its end, on the last place or, where there is none, in [`PathLog::end`].
+    /// Each place is logged with the weight there ([`Weight::Logged`]). On so many of its legs a ray loses something to
+    /// media, from its birth to its end. The end is the last place or, where there is no place, [`PathLog::end`].
     pub attenuating_legs: Option<u32>,
     /// On its way a ray that keeps to the path deposits nothing: what it logs is all that it leaves.
     pub tells_all: bool,
@@ -82,13 +83,14 @@ impl Weight {
     }
 }
 
-/// The position alone tells the pixel as long as this share of the rays is off the edges at all places: the others fail the guard.
+/// The position alone gives the pixel, if at least this share of the rays is off the edges at all places. The others
+/// fail the guard.
 const LEAST_OFF_EDGES: f64 = 0.99;
 
-/// [`Place::edge_room`] where the profiled rays arrive on a detector.
-/// `pixel_position` in splat.wgsl rounds the sum x + half, the quotient, for which WGSL allows 2.5 ulp (section 15.7.4), and
-/// what is left after 0.5; `pixel_of` the product of the pitch and what is left after half: 12 units of roundoff of as many
-/// pixels as there are, if each may be rounded either way, and some room.
+/// [`Place::edge_room`] where the profiled rays arrive on a detector. `pixel_position` in splat.wgsl rounds the sum x +
+/// half, the quotient, for which WGSL allows 2.5 ulp (section 15.7.4), and what is left after 0.5. `pixel_of` rounds
+/// the product of the pitch and what is left after half. Together these are 12 units of roundoff of the number of
+/// pixels, if each may be rounded either way. A factor of 16 leaves some room.
 fn edge_room(detector: &Detector, precision: Precision, profile: &mut ProfiledRays) -> Option<[f64; 2]> {
     let grid = detector.kind.grid().filter(|_| detector.kind.is_plain_grid())?;
     let size = [grid.num_pixels_x, grid.num_pixels_y];
@@ -121,15 +123,15 @@ impl DepositLog {
 }
 
 impl PathLog {
-    /// The log of the hot path; none where rays arrive on no detector, or on one that does not keep to bilinear taps, or
-    /// with weights that differ, unless by what media took.
+    /// The log of the hot path. `None` where rays arrive on no detector, or where a detector does not keep to bilinear
+    /// taps. `None`, too, where weights differ by more than what media took.
     pub fn of(scene: &LoggedScene, path: &HotPath, profile: &ProfiledPath) -> Option<Self> {
         let log = PathLog::with_known_weights(scene, path, profile)
             .or_else(|| PathLog::with_logged_weights(scene, path, profile))?;
         (!log.places.is_empty()).then_some(log)
     }
 
-    /// The log of a side trace beside that of the hot path, whose format it must have; it may be without a place.
+    /// The log of a side trace, in the format of the hot path's log. A side trace may be without a place.
     pub fn beside(
         hot_path: &PathLog,
         scene: &LoggedScene,
@@ -231,8 +233,8 @@ impl<'a> KnownWeights<'a> {
     }
 }
 
-/// The places of a path, whose rays have such weights at its events; none if these are not known, or where a detector does
-/// not keep to bilinear taps.
+/// The places of a path, whose rays have such weights at its events. `None` if a weight is not known, or where a
+/// detector does not keep to bilinear taps.
 fn places(
     scene: &LoggedScene,
     path: &HotPath,
@@ -279,7 +281,7 @@ fn ledger_end(scene: &LoggedScene, path: &HotPath, last: &HotPathEvent) -> Optio
     }
 }
 
-/// Of what rays weigh, a medium leaves them so much at least where it takes little: exp(-NEAR_ZERO), which is 0.712
+/// A medium takes little where it leaves at least this share of a ray's weight: exp(-NEAR_ZERO), which is 0.712
 /// (shaders/math/math.f64.wgsl), and some room.
 const LEAST_LEFT: f64 = 0.72;
 
@@ -291,8 +293,8 @@ pub fn media_absorb_weakly(ProfiledPath { samples, .. }: &ProfiledPath) -> bool 
     samples.iter().filter(loses_little).count() as f64 >= LEAST_ASSUMED * samples.len() as f64
 }
 
-/// On how many of its ways each profiled ray lost something; none where they differ in that, or where something else
-/// than media takes from the rays of a path: surfaces, or roulette.
+/// On how many of its legs each profiled ray lost something. `None` where rays differ in that, or where surfaces or
+/// roulette take from the rays of a path, too.
 fn attenuating_legs(scene: &LoggedScene, path: &HotPath, profile: &ProfiledPath) -> Option<u32> {
     let (&LoggedScene { ir, options, features, .. }, samples) = (scene, &profile.samples);
     let is_on_path = |i: u32| path.events.iter().any(|event| event.primitive == i as usize);
@@ -310,7 +312,7 @@ fn attenuating_legs(scene: &LoggedScene, path: &HotPath, profile: &ProfiledPath)
 }
 
 /// Whether rays of the path may enter the ambient medium with no solid behind them, which is counted (`track_solids` in
-/// shaders/stages/interact.wgsl): so they may where some come to a refracting surface from another side than others.
+/// shaders/stages/interact.wgsl). Rays may also do so where they come to a refracting surface from different sides.
 fn may_underflow(ir: &SceneIr, path: &HotPath) -> bool {
     let mut is_in_solid = false;
     path.events.iter().any(|event| {
@@ -341,7 +343,7 @@ fn same<T: PartialEq>(samples: &[SampledPath], of: impl Fn(&SampledPath) -> Opti
     all.all(|other| other.as_ref() == Some(&first)).then_some(first)
 }
 
-/// True if every ray is at an event where it was at one before, as far as its recorded positions tell.
+/// True if every ray is at an event where it was at one before, as far as its recorded positions show.
 fn arrive_together(samples: &[SampledPath], before: usize, event: usize) -> bool {
     let at = |sample: &SampledPath, event: usize| sample.positions.get(event + 1).copied();
     !samples.is_empty()

@@ -1,5 +1,5 @@
-//! Adds up what rays logged that keep to the hot path (`shaders/cpu/path/path_log.arrivals.wgsl`): places on detectors, whose
-//! weights the path tells, or they themselves.
+//! Adds up what rays on a path logged (`shaders/cpu/path/path_log.arrivals.wgsl`): places on detectors. The path gives
+//! the weights, or rays log their own.
 
 use crate::cpu::log::bits::{bits, entries_of, quantize};
 use crate::cpu::log::deposit_sums::{DepositSums, GuardFailure, LoggedRays};

@@ -1,5 +1,5 @@
-//! Profiling: which path most rays of a scene take, and which ones most of the others, so that they can have stages of their own
-//! (shaders/cpu/path/hot_path.wgsl).
+//! Profiling: finds the path that most rays of a scene take, and the paths of most others. These paths then get stages
+//! of their own (shaders/cpu/path/hot_path.wgsl).
 
 use crate::cpu::Override;
 use crate::cpu::path::hot_path::{MAX_EVENTS, ProfiledPath, SampledPath, is_possible};
@@ -32,8 +32,8 @@ pub struct FrequentPaths {
     pub sides: Vec<ProfiledPath>,
 }
 
-/// The path that most rays take, or none: where there is no such path, where a trace has too few rays for the search to pay,
-/// and where no stage could follow it. Where the hot path is always followed, such a path of any share of the rays will do.
+/// The path that most rays take. `None` if there is no such path, if a trace has too few rays for profiling to pay, or
+/// if no stage could follow it. Where the hot path is always followed, a path of any share of the rays will do.
 ///
 /// # Errors
 /// [`crate::Error::Device`] if the device fails.

@@ -15,8 +15,8 @@ pub struct ProfiledPath {
     pub share: f64,
 }
 
-/// The path of one ray: where it is born, where it meets the primitives of its path and, if it was killed, where, or if it escapes, a place
-/// behind the last of them; and what it weighs there.
+/// The path of one ray: where it is born, where it meets primitives, and what it weighs there. A ray that is killed
+/// ends where it was killed. A ray that escapes ends at a place behind its last primitive.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SampledPath {
     /// \[mm\]
