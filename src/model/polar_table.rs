@@ -1,5 +1,5 @@
-//! A function over the polar angle and the azimuth about an axis, as a table, and how directions are drawn by it: the intensity
-//! of a lamp, a measured BSDF about the specular direction.
+//! Tables over the polar angle and the azimuth about an axis, by which directions are drawn. Examples are the intensity
+//! of a lamp, and a measured BSDF about the specular direction.
 //!
 //! Between the angles of the table the function is linear in each of them. Beyond the polar angles it is 0.
 //!
@@ -99,8 +99,8 @@ fn flux_within(sine: f64, cosine: f64, m: f64, b: f64, s: f64) -> f64 {
     m * (sine * of_cosine + cosine * of_sine) + b * (sine * with_cosine + cosine * with_sine)
 }
 
-/// Distances from a pole between rising ones that lie far apart: sin(theta) then grows little within an interval, and Newton's
-/// method converges in a few steps.
+/// Distances from a pole between rising ones that lie far apart. With them sin(theta) grows little within an interval,
+/// and Newton's method converges in a few steps.
 fn nearer_to_pole(rising: impl Iterator<Item = f64>) -> Vec<f64> {
     /// How much farther the end of an interval may be from the pole than its beginning.
     const MOST_FARTHER: f64 = 3.0;

@@ -65,7 +65,7 @@ pub fn possible(ir: &SceneIr, sequence: &Sequence) -> Vec<u32> {
     found
 }
 
-/// True for light that comes from the front; none where the medium that it was in does not say.
+/// True for light that comes from the front. `None` if the light's medium does not show the side.
 fn side(surface: &Surface, medium: Option<MediumId>) -> Option<bool> {
     match medium {
         Some(medium) if medium == surface.front => Some(true),
@@ -74,7 +74,7 @@ fn side(surface: &Surface, medium: Option<MediumId>) -> Option<bool> {
     }
 }
 
-/// Where the side is not known, those of both sides.
+/// The ratios of refractive indices. Where the side is not known, both sides have theirs.
 fn ratios(ir: &SceneIr, surface: &Surface, from_front: Option<bool>, wavelengths: &[usize]) -> Vec<f64> {
     let [front, back] = [surface.front, surface.back].map(|medium| &ir.media[medium].n);
     let of_front = wavelengths.iter().map(|&w| front[w] / back[w]);
@@ -132,7 +132,7 @@ impl Boundary {
         self.ratios.iter().any(|ratio| ratio * sine > 1.0 + ROUNDING)
     }
 
-    /// The cone about the normals' axis, or about that of the light, whichever is narrower.
+    /// The cone about the normals' axis, or about the light's axis, whichever is narrower.
     fn transmitted(&self) -> Cone {
         let incidence = self.incidence();
         let refracted = |ratio: f64, angle: f64| (ratio * angle.sin()).min(1.0).asin();

@@ -149,7 +149,7 @@ impl Uncertainty {
         self.watts(replicates_error(sums, &self.rays_of_replicates) / QUANTA_PER_WEIGHT)
     }
 
-    /// Standard error of a detector's flux \[W\]; none where second moments were not summed. Each source has a fixed
+    /// Standard error of a detector's flux \[W\]. `None` if second moments were not summed. Each source has a fixed
     /// number of rays, so that the variances of the sources add up.
     pub(crate) fn of_total(&self, sums: &DetectorTally) -> Option<f64> {
         if !sums.replicates.is_empty() {
@@ -224,7 +224,7 @@ impl MapError {
         (self.of_many + self.of_few) / self.value
     }
 
-    /// That of `factor` times as many rays.
+    /// The relative error after `factor` times as many rays.
     fn relative_after(&self, factor: f64) -> f64 {
         let of_few = mean_root(factor * self.expected_hits) / mean_root(self.expected_hits);
         (self.of_many * factor.sqrt() + self.of_few * of_few) / (self.value * factor)
@@ -258,7 +258,7 @@ struct DetectorError {
     /// It rests on few rays: nothing is promised of more.
     is_of_few: bool,
     map: Option<MapError>,
-    /// That of its flux; NaN where it is not known.
+    /// The relative error of its flux. NaN if it is not known.
     flux: f64,
 }
 

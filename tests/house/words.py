@@ -10,7 +10,8 @@ the first block of WGSL. Headings, tables, blocks of code and the targets of lin
 row of such names: "`a`, `b` and `c`". A number with its unit is two words. A colon or a semicolon does not end a sentence.
 
 *Banned phrases* are looked for in Markdown and in every comment of src/ and shaders/. Names in backticks are left out.
-A stacked negation is two words such as "no", "not" or "without", at most three words apart and with no comma between.
+A stacked negation is two words such as "no", "not" or "without", with at most three words and no comma between. "None if" is free.
+Left out are comments above `#[arg(` or `#[command(`, which are the texts of `--help`: contracts, which tests compare.
 """
 
 import argparse
@@ -29,12 +30,13 @@ NO_DOCUMENTS = {
     ".venv/": "builds",
 }
 
-NEGATION = r"(?:no|not|none|never|nothing|nobody|nowhere|neither|without|cannot)"
+FIRST_NEGATION = r"(?:no|not|none(?! if\b)|never|nothing|nobody|nowhere|neither|cannot)"
+NEXT_NEGATION = r"(?:no|not|none|never|nothing|nobody|nowhere|neither|without|unless|cannot)"
 PHRASES = {
     "tell": r"\b(?:tell|tells|told|telling)\b",
     "that of": r"\b(?:that|those) of\b",
     "none where": r"\bnone where\b",
-    "negations": rf"\b{NEGATION}(?:\s+[\w'`-]+){{0,3}}\s+{NEGATION}\b",
+    "negations": rf"\b{FIRST_NEGATION}(?:\s+[\w'`-]+){{0,3}}\s+{NEXT_NEGATION}\b",
 }
 
 # (end of the path, words of the sentence): the reason why it stays.
@@ -134,7 +136,14 @@ def comments(text):
         else:
             blocks.append((mark, number, lines))
         last = (mark, number) if alone else None
-    return blocks
+    source = text.splitlines()
+    return [block for block in blocks if not is_help(source, block[2][-1][0])]
+
+
+def is_help(source, last):
+    """True if a comment that ends in this line is what `--help` says."""
+    following = next((line.strip() for line in source[last:] if line.strip()), "")
+    return following.startswith(("#[arg(", "#[command("))
 
 
 def findings(path, text):
@@ -195,6 +204,9 @@ PLANTED = [
     ("a.rs", "let a = '\"'; // It is told.\nlet b = 'c';\n", ["tell"]),
     ("a.rs", 'let a = r#"told " // told"#; /* It is not without use. */\n', ["negations"]),
     ("a.rs", "// It is not here, nor there. No, it has no use.\n", []),
+    ("a.rs", "/// None if there is no file.\nfn a() {}\n", []),
+    ("a.rs", "/// The text that is told.\n#[arg(long)]\na: u32,\n", []),
+    ("a.rs", "/// The text that is told.\n#[inline]\nfn a() {}\n", ["tell"]),
     ("a.wgsl", f"// {LONG} six.\nfn a() {{}}\n", ["long"]),
     ("a.wgsl", f"fn a() {{}}\n// {LONG} six; those of the rest.\n", ["that of"]),
 ]

@@ -156,7 +156,7 @@ pub trait Geometry: std::fmt::Debug {
     /// True if a point of the surface without its limits belongs to the shape.
     fn holds(&self, p: DVec3) -> bool;
 
-    /// What it fills; none if it has no end. The meshes are the scene's.
+    /// What the shape fills. `None` for a shape without end. The meshes are the scene's.
     fn extent(&self, meshes: &[Mesh]) -> Option<Extent>;
 
     /// Points spread over the shape: it is in contact with another one on which all of them lie. None for a shape that is
@@ -233,7 +233,7 @@ pub trait Geometry: std::fmt::Debug {
     }
 
     /// The values of t, in no order, at which the line o + t d crosses the shape. Checks of compound bodies use them;
-    /// rays have WGSL. By default these are the quadric's, and there are none for a shape without a quadric.
+    /// rays have WGSL. By default these are the quadric's. Empty for a shape without a quadric.
     fn crossings(&self, o: DVec3, d: DVec3) -> Vec<f64> {
         let all = self.quadric().into_iter().flat_map(|quadric| quadric.crossings(o, d));
         all.filter(|t| t.is_finite() && self.holds(o + *t * d)).collect()

@@ -91,7 +91,8 @@ impl Field {
         })
     }
 
-    /// The map of a detector, in photometric units if it was traced for them; none of one without rows and columns.
+    /// The map of a detector, in photometric units if it was traced for them. `None` if the detector has no rows and
+    /// columns.
     pub fn of_detector(detector: &Detector) -> Option<Field> {
         let map = detector.data.result().map()?;
         Field::of_map(&match &detector.luminous {
@@ -215,8 +216,8 @@ impl Field {
         }
     }
 
-    /// The same field in larger cells, of so many rows and columns each, which divide those of the field. The flux of cells is
-    /// kept. Errors are those of cells that are independent.
+    /// The same field in larger cells of `by` rows and columns each. `by` divides the rows and the columns of the
+    /// field. The flux of cells is kept. Errors hold for cells that are independent.
     pub fn coarser(&self, by: usize) -> Field {
         let (rows, columns) = self.dim();
         let (num_rows, num_columns) = (rows / by, columns / by);

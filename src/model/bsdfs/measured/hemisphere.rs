@@ -12,8 +12,8 @@ const GAUSS: [(f64, f64); 4] = [
     (0.960_289_856_497_536_3, 0.101_228_536_290_376_26),
 ];
 
-/// The integral of the values times the cosine of scatter, which is that of the direction with the normal. The azimuth is
-/// integrated in closed form, the radial angle by Gauss's rule. Relative error: 1e-13.
+/// The integral of the values times the cosine of the direction with the normal. The azimuth is integrated in closed
+/// form, the radial angle by Gauss's rule. Relative error: 1e-13.
 pub(super) fn within_hemisphere(values: &PolarTable, incidence_deg: f64) -> f64 {
     /// Longest step of the radial angle \[rad\].
     const LONGEST_STEP: f64 = 0.05;
