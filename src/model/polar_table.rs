@@ -153,9 +153,10 @@ impl PolarTable {
         self.rows.iter().map(|row| row[next - 1] * (1.0 - part) + row[next] * part).collect()
     }
 
-    /// The table of shaders/optics/polar_table.wgsl, for a flux of 1: numbers of knots and of azimuths; shares of the flux
-    /// below each knot; their angles; for each knot the angle to the next one, its sine, cosine and total; azimuths; for each knot its
-    /// values and then their sums.
+    /// The table of shaders/optics/polar_table.wgsl, for a flux of 1. It begins with the numbers of knots and of
+    /// azimuths. Then come the shares of the flux below each knot, and the knots' angles. Each knot then has the angle
+    /// to the next one, its sine, cosine and total. Azimuths follow. Last, each knot has its values and then their
+    /// sums.
     pub(crate) fn numbers(&self) -> Vec<f64> {
         let knots = self.knots();
         let fluxes: Vec<f64> = knots.windows(2).map(|pair| pair[0].flux_to(&pair[1])).collect();
@@ -192,7 +193,8 @@ mod tests {
         PolarTable { polar: polar.to_vec(), azimuth, rows }
     }
 
-    /// 1 cd in all directions is 4 pi lm; a hat over a right angle has pi^2 - 2 pi of its peak, of which 4 come from its rim.
+    /// 1 cd in all directions is 4 pi lm. A hat over a right angle has pi^2 - 2 pi of its peak, of which 4 come from
+    /// its rim.
     #[test]
     fn the_flux_is_the_integral_of_the_table() {
         let even = table(&[0.0, PI], vec![vec![1.0, 1.0]; 2]).flux();

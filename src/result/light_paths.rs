@@ -67,8 +67,8 @@ pub struct LightPath {
     /// What happened, and where: `T` transmitted, `R` reflected, `ST` scattered through, `SR` scattered back,
     /// `A` absorbed, `M` missed. Where several paths are a row, only what they share.
     pub steps: Vec<[String; 2]>,
-    /// An expression that keeps this row's light alone (`--where`). Null where the light ended on no detector, where a
-    /// name cannot be written in an expression, and for sequences of more parts than an expression has.
+    /// An expression that keeps this row's light alone (`--where`). Null where the light ended on no detector, or where
+    /// a name cannot be written in an expression. Also null for sequences of more parts than an expression has.
     #[serde(rename = "where")]
     pub filter: Option<String>,
     /// The centre of the light on the detector, in the detector's frame \[mm\]; null where it was not summed up.

@@ -486,8 +486,8 @@ fn relocate(error: Error, staged: &Path, dir: &Path) -> Error {
     Error::File { path, problem }
 }
 
-/// A file name without extension per detector: its name where the file system can carry it, distinct even where upper
-/// and lower case are the same.
+/// A file name without extension per detector: its name where the file system can carry it. File names are distinct
+/// even where upper and lower case are the same.
 pub(crate) fn file_stems<'a>(names: impl Iterator<Item = &'a str>) -> Vec<String> {
     // Names are compared after upper- and then lower-casing, so that letters such as long s and s count as equal.
     let folded = |stem: &str| stem.to_uppercase().to_lowercase();

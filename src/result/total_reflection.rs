@@ -1,8 +1,9 @@
 //! Where along a sequence light may have been totally reflected.
 //!
-//! A sequence says `R`, be the reflection total or not. Total reflection needs light that comes from the higher index. It also
-//! needs an angle of incidence beyond the critical one. The angle is bounded from the source on: the directions of light lie
-//! in a cone about an axis, and so do the normals of a face. Refraction, reflection and scattering make another cone of it.
+//! A sequence says `R`, be the reflection total or not. Total reflection needs light that comes from the higher index.
+//! It also needs an angle of incidence beyond the critical one. The angle is bounded from the source on. The directions
+//! of light lie in a cone about an axis, and so do the normals of a face. Refraction, reflection and scattering make
+//! another cone of it.
 //!
 //! The bound is never too small. So light in a plate with parallel faces is never suspected, whatever its angle outside. In a
 //! steep lens the bound is too wide, and light is suspected that is not totally reflected.

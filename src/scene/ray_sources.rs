@@ -181,7 +181,7 @@ impl Groups {
         Ok(())
     }
 
-    /// The groups that have rays. The spectrum of the source becomes that of the file.
+    /// The groups that have rays. The spectrum of the source becomes the file's.
     fn finish(mut self, written: &mut Written) -> Vec<RayGroup> {
         if self.by_wavelength {
             self.groups.retain(|group| !group.shares.is_empty());

@@ -274,8 +274,8 @@ impl Local {
     }
 }
 
-/// Bounds over the aperture, which is cut into squares. In each the sum is what its Taylor terms allow, and the conic part
-/// lies between its values at the nearest and the farthest point from the axis.
+/// Bounds over the aperture, which is cut into squares. In each square the sum is what its Taylor terms allow. The
+/// conic part lies between its values at the nearest and the farthest point from the axis.
 fn bounds(conic: &AsphereProfile, rows: &[Vec<f64>]) -> Bounds {
     const CELLS: i32 = 96;
     let radius = conic.aperture_radius;

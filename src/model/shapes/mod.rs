@@ -92,8 +92,8 @@ kinds! {
 #[derive(Debug)]
 pub struct ShapeWgsl {
     /// Its functions begin with this name. All shapes have `<name>_distance(o, d, arguments, leaving) -> real`, the
-    /// distance from o along d to the first crossing, or MISS; and `<name>_holds(p, arguments) -> bool`, true if a point
-    /// of the surface without its limits belongs to the shape.
+    /// distance from o along d to the first crossing, or MISS. All have `<name>_holds(p, arguments) -> bool`, true if a
+    /// point of the surface without its limits belongs to the shape.
     pub name: &'static str,
     /// The file that holds them.
     pub file: ShaderFile,
@@ -110,8 +110,9 @@ pub enum Normal {
     Quadric(fn(&[&str]) -> String),
     /// From the facet that was hit.
     Facet,
-    /// From the shape's own `<name>_normal(p, arguments) -> vec3<real>`, the unit normal at a point of the shape, and
-    /// `<name>_height(p, arguments) -> real`, the signed distance of a point from the shape to first order \[mm\].
+    /// From the shape's own functions. `<name>_normal(p, arguments) -> vec3<real>` is the unit normal at a point of the
+    /// shape. `<name>_height(p, arguments) -> real` is the signed distance of a point from the shape to first order
+    /// \[mm\].
     Own,
     /// As of [`Normal::Own`], for a shape whose distance function finds its crossings by shaders/geometry/sag.search.wgsl.
     Sag,
@@ -256,7 +257,7 @@ pub enum FrontSide {
 pub struct Slab {
     /// Their heights, in no order \[mm\].
     pub ends: [f64; 2],
-    /// By how much the level changes while z grows by 1 at the rim, if the rim is not at one of the planes by
+    /// By how much the level changes while z grows by 1 at the rim. `None` if the rim is at one of the planes by
     /// definition. An error of the level by rounding is an error of z divided by this.
     pub steepness: Option<f64>,
 }

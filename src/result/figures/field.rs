@@ -201,7 +201,8 @@ impl Field {
         self.place(cell, (0.5, 0.5))
     }
 
-    /// A place of a cell, in the plot: (0, 0) is its corner at the smallest row and column, and (1, 1) the one at the largest.
+    /// A place of a cell, in the plot. (0, 0) is the corner at the smallest row and column, and (1, 1) the corner at
+    /// the largest.
     pub fn place(&self, (row, column): Cell, (down, along): (f64, f64)) -> (f64, f64) {
         let (rows, columns) = self.dim();
         let at = |index: f64, (low, high): (f64, f64), bins: usize| low + (high - low) * index / bins as f64;

@@ -35,8 +35,8 @@ pub(crate) fn neighbours(solid_angles: &[f64], columns: usize) -> Vec<usize> {
 /// Half of the width of the sector of azimuths that stands for a half plane \[deg\].
 const SECTOR: f64 = 5.0;
 
-/// The columns of azimuths that stand for a half plane at this azimuth \[deg\]: all within 5 degrees, but at least the
-/// one or two beside it.
+/// The columns of azimuths that stand for a half plane at this azimuth \[deg\]. All within 5 degrees count, but at
+/// least the one or two beside it.
 pub(crate) fn sector(columns: usize, azimuth: f64) -> Vec<usize> {
     let half = SECTOR.max(180.0 / columns as f64) + 1e-9;
     let at = |column: usize| -180.0 + 360.0 * (column as f64 + 0.5) / columns as f64;

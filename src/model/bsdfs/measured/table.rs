@@ -54,8 +54,8 @@ impl MeasuredTable {
         numbers
     }
 
-    /// What the user should know. Shares may differ from what the values add up to, angles of incidence may not have
-    /// been measured, and rows may give more light than they get.
+    /// What the user should know. Shares may differ from what the values add up to. Angles of incidence may not have
+    /// been measured. Rows may give more light than they get.
     pub(super) fn warnings(&self, name: &str) -> Vec<String> {
         /// Measured tables exceed 1 by their own errors.
         const TOLERANCE: f64 = 1e-3;

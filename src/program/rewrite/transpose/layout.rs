@@ -4,8 +4,8 @@ use crate::program::layout::bindings;
 use crate::program::rewrite::jvp::rewriting::is_read;
 use naga::{ArraySize, GlobalVariable, Handle, Module, Scalar, Type, TypeInner};
 
-/// Sums after the sums of the numbers: deposits times the adjoints of their cells, rays whose adjoints are not finite,
-/// and whether loops were cut short.
+/// Sums after the sums of the numbers: deposits times the adjoints of their cells, rays with adjoints that are not
+/// finite, and loops cut short.
 pub const NUM_OTHER_SUMS: usize = 3;
 
 /// True of a variable whose reals are numbers of the scene, and have adjoints.
