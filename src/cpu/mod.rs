@@ -165,8 +165,8 @@ fn path_stages(program: &Program) -> Vec<AddedStage> {
 }
 
 impl Cpu {
-    /// For each stage of a path: how many rays of this trace were traced along the path, and how many of them were
-    /// rejected.
+    /// For each stage of a path: how many rays of this trace were traced along the path, and how many of these failed a
+    /// guard.
     pub(crate) fn num_along_paths(&self) -> Vec<[u64; 2]> {
         let counts = |logs: &LogBuffers| {
             std::iter::once(logs.num_followed_and_failed()).chain(logs.num_along_sides()).collect()

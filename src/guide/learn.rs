@@ -73,7 +73,8 @@ const LEAST_ARRIVING: f64 = 1e-3;
 /// Learns a guide for a trace of so many rays. `pilot` traces rays with a guide, by a seed of its own for each round, into a
 /// table of paths.
 ///
-/// # Errors The errors of `pilot`.
+/// # Errors
+/// The errors of `pilot`.
 pub fn learn(
     ir: &SceneIr,
     wanted: &Wanted,

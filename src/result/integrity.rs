@@ -35,7 +35,8 @@ pub struct FileHash {
 
 /// What a file holds now.
 ///
-/// # Errors The system's error. Anything but a file has no hash.
+/// # Errors
+/// The system's error. Anything but a file has no hash.
 pub fn hash_of(path: &Path) -> io::Result<FileHash> {
     if !path.metadata()?.is_file() {
         return Err(io::Error::other("is no file"));

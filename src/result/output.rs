@@ -62,7 +62,8 @@ pub struct Written {
 
 /// As [`write_all`], with these extras.
 ///
-/// # Errors The errors of [`write_all`].
+/// # Errors
+/// The errors of [`write_all`].
 pub fn write(dir: &Path, result: &TraceResult, extras: &Extras<'_>) -> Result<Written> {
     let (files, report) = write_by(dir, |folder| write_files(folder, result, extras))?;
     Ok(Written { files, report })

@@ -124,7 +124,8 @@ pub(crate) fn of_source(ir: &SceneIr, source: &Source) -> LuminousSource {
 /// wavelengths. Scene and sums are given twice: as they were traced, and with wavelengths added up. `color` is for
 /// detectors of these names.
 ///
-/// # Errors [`Error::Internal`] if the sums belong to another scene.
+/// # Errors
+/// [`Error::Internal`] if the sums belong to another scene.
 pub(crate) fn of_detectors(
     [ir, plain]: [&SceneIr; 2],
     [tally, sums]: [&Tally; 2],

@@ -23,8 +23,8 @@ impl TraceResult {
 
     /// As [`TraceResult::new`], with rows that were recorded apart from the tally.
     ///
-    /// # Errors [`Error::Internal`] if tally or rows belong to another scene, [`Error::File`] if the rows cannot be
-    /// read.
+    /// # Errors
+    /// [`Error::Internal`] if tally or rows belong to another scene, [`Error::File`] if the rows cannot be read.
     pub fn with_rows(ir: &SceneIr, run: &RunInfo, tally: &Tally, recorded: &Recorded) -> Result<TraceResult> {
         check_shape(ir, tally)?;
         let unit = FluxUnit::of_scene(ir, if run.partial { tally.launched.count } else { run.num_rays });

@@ -309,8 +309,8 @@ pub fn check_writable(path: &Path) -> Result<()> {
 
 /// How many rays of a trace a file holds already. A missing or empty file holds 0.
 ///
-/// # Errors [`Error::File`] if the file holds the sums of another trace, or damaged ones. With `overwrite` such a file
-/// holds 0.
+/// # Errors
+/// [`Error::File`] if the file holds the sums of another trace, or damaged ones. With `overwrite` such a file holds 0.
 pub fn rays_in(path: &Path, identity: &Identity, overwrite: bool) -> Result<u64> {
     if path.symlink_metadata().map_or(0, |found| found.len()) == 0 {
         return Ok(0);

@@ -55,7 +55,8 @@ impl Run<'_> {
     /// Traces A and B, and gives A - B. The run is one of scene A; `b` is what was read of B. `next` gets how far both have
     /// come, and says how to go on. After a stop there is what both have traced.
     ///
-    /// # Errors As [`Run::go`] and [`Pair::difference`].
+    /// # Errors
+    /// As [`Run::go`] and [`Pair::difference`].
     pub fn difference(
         self,
         pair: &Pair<'_>,

@@ -41,7 +41,8 @@ pub struct LossDerivatives {
 impl Differentiation<'_> {
     /// The result.
     ///
-    /// # Errors [`Error::Internal`] if the sums belong to another scene.
+    /// # Errors
+    /// [`Error::Internal`] if the sums belong to another scene.
     pub fn into_result(self) -> Result<TraceResult> {
         let result = TraceResult::new(&self.scene.ir, &self.info, &self.tally)?;
         Ok(TraceResult { gradients: self.gradients, ..result })
@@ -53,7 +54,8 @@ impl Run<'_> {
     /// ([`Differentiated::run`]). `next` gets how far the trace has come, and says how to go on. After a
     /// stop there is what was found so far.
     ///
-    /// # Errors As [`Run::go`] and [`Differentiated::gradients`]. [`Error::Interrupted`] if the trace was cancelled.
+    /// # Errors
+    /// As [`Run::go`] and [`Differentiated::gradients`]. [`Error::Interrupted`] if the trace was cancelled.
     pub fn differentiate<'d>(
         &self,
         scene: &'d Differentiated,
@@ -100,7 +102,8 @@ impl Run<'_> {
     /// `check_edges`, a short difference of two traces checks each derivative. `next` as in [`Run::differentiate`]; a stop
     /// leaves nothing.
     ///
-    /// # Errors As [`Run::go`] and [`Differentiated::loss_gradient`]. [`Error::Interrupted`] if the trace was ended.
+    /// # Errors
+    /// As [`Run::go`] and [`Differentiated::loss_gradient`]. [`Error::Interrupted`] if the trace was ended.
     pub fn loss_gradient(
         &self,
         scene: &Differentiated,

@@ -211,7 +211,8 @@ impl<'a> Run<'a> {
 
     /// Changes the scene that is traced, such as its sampling.
     ///
-    /// # Errors The errors of `change`.
+    /// # Errors
+    /// The errors of `change`.
     pub fn change_model(mut self, change: impl FnOnce(&mut SceneIr) -> Result<()>) -> Result<Self> {
         change(self.model.to_mut())?;
         Ok(self)

@@ -103,7 +103,8 @@ pub fn choose(
 
 /// As [`choose`]. `trace` traces the pilot.
 ///
-/// # Errors The errors of `trace`.
+/// # Errors
+/// The errors of `trace`.
 pub fn choose_by(
     gpu: &Gpu,
     ir: &SceneIr,

@@ -41,8 +41,9 @@ const MOST_RECORDED: u64 = 200_000;
 /// [`Scene::lower`] made of `scene`. `options` say how many rays are traced, and their table of paths has `path_rows`
 /// rows. `ask` and `next` are as in [`crate::run::pst::Pst::go`].
 ///
-/// # Errors [`Error::Usage`] if there is no such detector. [`Error::Interrupted`] if a trace was cancelled. The errors
-/// of [`Run::go`].
+/// # Errors
+/// [`Error::Usage`] if there is no such detector. [`Error::Interrupted`] if a trace was cancelled. The errors of
+/// [`Run::go`].
 pub fn blame(
     (scene, model): (&Scene, &SceneIr),
     detector: &str,

@@ -1,5 +1,5 @@
 // Cheap tests that a ray does not meet a primitive before it has gone `distance`, without a root or a quotient
-// (cpu::path::clearance). All coordinates are in the primitive's frame, as in the search.
+// (cpu::path::miss_test). All coordinates are in the primitive's frame, as in the search.
 //
 // Each test is sufficient, with room for what the search of geometry/quadric.wgsl and shapes/ rounds. A ray that fails
 // a test may meet the primitive or not.

@@ -53,7 +53,8 @@ pub fn read(input: &mut impl Read) -> io::Result<Option<Incoming>> {
 
 /// Writes a message.
 ///
-/// # Errors The errors of the stream.
+/// # Errors
+/// The errors of the stream.
 pub fn write<'a>(
     output: &mut impl Write,
     header: &Value,

@@ -207,7 +207,8 @@ impl LogBuffers {
 
     /// The sums since the last time.
     ///
-    /// # Errors [`Error::Internal`] if the sums of the threads do not fit together.
+    /// # Errors
+    /// [`Error::Internal`] if the sums of the threads do not fit together.
     pub fn take(&mut self, cells: &Cells) -> Result<DepositSums> {
         let empty = no_sums(self.sums.len(), cells, &self.shape);
         let mut parts = std::mem::replace(&mut self.sums, empty);

@@ -91,7 +91,8 @@ pub fn tolerance(precision: Precision, size: f64) -> f64 {
 impl Contacts {
     /// The contacts of a scene, for positions relative to `centre`.
     ///
-    /// # Errors [`Error::Usage`] if more faces lie in one place than a ray can number.
+    /// # Errors
+    /// [`Error::Usage`] if more faces lie in one place than a ray can number.
     pub fn of(ir: &SceneIr, centre: DVec3, precision: Precision) -> Result<Self> {
         let mut search = Search::new(ir, centre, precision);
         search.join_primitives();

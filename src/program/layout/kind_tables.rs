@@ -84,7 +84,8 @@ impl Places {
 
     /// All tables, one after the other.
     ///
-    /// # Errors [`Error::Usage`] if the tables of shapes and sources are too long for their places to be reals.
+    /// # Errors
+    /// [`Error::Usage`] if the tables of shapes and sources are too long for their places to be reals.
     pub fn numbers(self) -> Result<Vec<f64>> {
         match self.num_of_reals {
             num if num > MAX_PLACE => Err(Error::Usage(format!(

@@ -72,7 +72,8 @@ impl PartialEq for RayDatabase {
 impl RayDatabase {
     /// A database of rays in memory, which stand in the order of this program's files.
     ///
-    /// # Errors The errors of [`RowWriter::push`](crate::result::RowWriter::push).
+    /// # Errors
+    /// The errors of [`RowWriter::push`](crate::result::RowWriter::push).
     pub fn of_columns(frame: Frame, columns: &RayColumns, recorded: RecordedRays) -> Result<Self> {
         let mut wavelengths: Vec<f64> = columns.wavelength.to_vec();
         wavelengths.sort_by(f64::total_cmp);

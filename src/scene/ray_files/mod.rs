@@ -112,8 +112,9 @@ impl<R: Read + Seek> RayFile<R> {
 
     /// Puts the rays of a range in place of what the vector holds. Any range may be read at any time.
     ///
-    /// # Errors If the file has fewer rays, cannot be read, or holds a wrong ray. A ray is wrong by a direction of
-    /// another length than 1, a flux below 0, or a number that is not finite.
+    /// # Errors
+    /// If the file has fewer rays, cannot be read, or holds a wrong ray. A ray is wrong by a direction of another
+    /// length than 1, a flux below 0, or a number that is not finite.
     pub fn read(&mut self, range: Range<u64>, rays: &mut Vec<Ray>) -> Result<()> {
         rays.clear();
         let num_rays = self.header.num_rays;
@@ -132,7 +133,8 @@ impl<R: Read + Seek> RayFile<R> {
     /// Calls `take` with all rays in order, and their numbers. Returns their flux, in the unit of [`Header::flux_kind`]: what
     /// the file launches.
     ///
-    /// # Errors The errors of [`RayFile::read`] and of `take`, and if the sum is beyond f64.
+    /// # Errors
+    /// The errors of [`RayFile::read`] and of `take`, and if the sum is beyond f64.
     pub fn for_each<E: From<Error>>(
         &mut self,
         mut take: impl FnMut(u64, &Ray) -> std::result::Result<(), E>,
