@@ -1,8 +1,8 @@
-//! An addition to the plain loop: all that is done otherwise on adapters that are processors.
+//! An addition to the plain loop: what pays on adapters that are processors.
 //!
-//! An atomic is dear on a processor, and its memory is the host's: so rays log where they end, and the host adds up
-//! ([`mod@log`]). Most rays of many scenes take one path: so a stage of its own follows that hot path without a loop. Rays
-//! that fail one of its guards fall back on the plain stages ([`path`]).
+//! On a processor an atomic is slow, and the device's memory is the host's. So rays log where they end, and the host
+//! adds up ([`mod@log`]). Most rays of many scenes take one path. So a stage of its own follows that hot path without a
+//! loop. Rays that fail a guard of the stage fall back on the plain stages ([`path`]).
 
 pub mod log;
 pub mod overrides;
@@ -36,15 +36,15 @@ use crate::result::Tally;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Rays of a dispatch where they log their ends: the log stays in a processor's caches, and dispatches are long against what
-/// each costs.
+/// Rays of a dispatch where rays log their ends. The log then stays in a processor's caches, and a dispatch is long
+/// against the cost of its start.
 const DEFAULT_LOGGED_BATCH: u32 = 1 << 17;
-/// The same where they log positions alone, or with weights, which are mostly few words a ray.
+/// The same where rays log positions, alone or with weights. These are mostly few words a ray.
 const DEFAULT_POSITIONS_BATCH: u32 = 1 << 18;
 /// Most rays that an invocation follows one after the other.
 const MOST_RAYS_PER_INVOCATION: u64 = 8;
 
-/// How adapters trace that are processors.
+/// How adapters that are processors trace.
 pub(crate) struct Cpu {
     traits: AdapterTraits,
     overrides: CpuOverrides,
@@ -120,7 +120,8 @@ impl Cpu {
             }
         }
         if let Some(logs) = &mut self.logs {
-            // Before the engine takes the times of stages: to take them waits for the dispatch, whose own time begins here.
+            // Asked before the engine takes the times of stages. To take these waits for the dispatch, whose own time
+            // begins here.
             let is_timed = route.added.is_none() && !submitted.is_first && !asks;
             logs.submitted(*range, rays, submitted.index, is_timed)?;
             let times = logs.take_times();
@@ -138,7 +139,7 @@ impl Cpu {
         Ok(())
     }
 
-    /// So few rays an invocation that a dispatch has several workgroups for each processor.
+    /// Most rays of an invocation: so few that a dispatch has several workgroups for each processor.
     fn most_rays_per_invocation(&self, options: &TraceOptions) -> u32 {
         let Some(processors) = self.traits.processors else { return 1 };
         let dispatch_rays = options.num_rays.min(options.batch_size.unwrap_or(DEFAULT_LOGGED_BATCH).into());
@@ -253,7 +254,7 @@ impl Addition for Cpu {
         let Some(logs) = &mut self.logs else { return Ok(()) };
         logs.discard();
         if engine.undrained.counts > 0 {
-            // What was added up before the failure goes nowhere.
+            // What was added up before the failure is dropped.
             logs.take(&engine.plan.program.cells)?;
         }
         Ok(())

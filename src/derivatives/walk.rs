@@ -47,7 +47,7 @@ pub(crate) struct Walked {
     pub(crate) numbers: Vec<f64>,
     /// The sum of all deposits, each times the adjoint of its cell.
     pub(crate) noted: f64,
-    /// Rays whose adjoints are no numbers: they are missing.
+    /// Rays whose adjoints are not finite. These rays are missing in the sums.
     pub(crate) num_lost: u64,
 }
 

@@ -3,7 +3,7 @@
 use crate::engine::sums::QUANTA_PER_UNIT;
 use bytemuck::Pod;
 
-/// The entries of a log, of one kind: where another is longer, what is left over at its end is none.
+/// The entries of a log, all of one kind. Bytes at the end that make no whole entry are left out.
 pub(crate) fn entries_of<E: Pod>(bytes: &[u8]) -> Option<&[E]> {
     let whole = bytes.len() - bytes.len() % size_of::<E>();
     bytemuck::try_cast_slice(&bytes[..whole]).ok()

@@ -8,9 +8,9 @@ use crate::cpu::log::reals::pixels_at;
 #[derive(Debug)]
 pub struct CornerSums {
     grid: Grid,
-    /// Four of each corner, in the order of its taps.
+    /// Four sums for each corner, in the order of its taps.
     words: Vec<u64>,
-    /// The first of them: no corner lies in two lines of a cache.
+    /// Where the first corner begins, so that no corner lies in two lines of a cache.
     start: usize,
 }
 
@@ -18,10 +18,10 @@ pub struct CornerSums {
 const TAPS: usize = 4;
 
 impl CornerSums {
-    /// None yet.
+    /// Sums of 0.
     pub fn new(grid: Grid) -> Self {
         let num_corners: usize = grid.size.iter().map(|&num_pixels| num_pixels as usize + 1).product();
-        // Words of zero come from the allocator untouched, which larger types do not: so the first corner is put right here.
+        // The allocator gives words of zero untouched, but not larger types. So the first corner is aligned here.
         let words = vec![0; TAPS * (num_corners + 1)];
         let start = words.as_ptr().align_offset(TAPS * size_of::<u64>()).min(TAPS);
         CornerSums { grid, words, start }

@@ -112,7 +112,7 @@ impl DepositSums {
         }
     }
 
-    /// Adds what others have summed up, who have settled.
+    /// Adds the sums of another thread, which has settled.
     pub fn merge(&mut self, other: &DepositSums) -> Option<()> {
         debug_assert!(other.corners.is_empty());
         for (count, more) in self.counts.iter_mut().zip(&other.counts) {
@@ -274,7 +274,7 @@ impl DepositSums {
         Some(())
     }
 
-    /// What is no position, or a position with any weight.
+    /// Adds an entry that is no position, or a position with any weight.
     fn add_other<E: PositionEntry>(
         &mut self,
         entry: &E,
@@ -371,7 +371,7 @@ impl DepositSums {
         self.quanta.add(cells[3], rest)
     }
 
-    /// Quanta of a weight; what no sum can hold is counted, and is none.
+    /// Quanta of a weight. A weight that no sum can hold is counted as invalid, and has 0 quanta.
     fn quanta_of(&mut self, weight: f64) -> Option<u128> {
         let quanta = quantize(weight);
         if quanta.is_none() {

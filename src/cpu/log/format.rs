@@ -41,11 +41,11 @@ pub enum EntryFormat {
 /// What entries say about bilinear taps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LoggedTaps {
-    /// Nothing: no detector has any.
+    /// Nothing: no detector has bilinear taps.
     None,
     /// Which cells they are, and how far between them the position is.
     Fractions,
-    /// The position alone, on the only detector that has any.
+    /// The position alone, on the only detector that has bilinear taps.
     Positions {
         /// Its grid.
         grid: Grid,
@@ -67,7 +67,7 @@ pub struct Grid {
     pub size: [u32; 2],
 }
 
-/// What spreads over many pixels the device adds up.
+/// True of a detector whose rays spread over many pixels. The device adds these up.
 fn is_gaussian(kind: &DetectorKind) -> bool {
     kind.grid().is_some_and(|grid| matches!(grid.splat, Splat::Gaussian { .. }))
 }
@@ -77,7 +77,7 @@ pub fn logs_passes(detector: &Detector, max_depth: u32) -> bool {
     !detector.absorb && !is_gaussian(&detector.kind) && max_depth <= MAX_LOGGED_DEPTH
 }
 
-/// A position has no room for the detector, or for whether the ray passes.
+/// What entries say about taps. A position has no room for the detector, or for whether the ray passes.
 fn taps(ir: &SceneIr, grids: &[Grid], max_passes: u32, keeps_weight: bool) -> LoggedTaps {
     let bilinear =
         |detector: &Detector| detector.kind.grid().is_some_and(|grid| grid.splat == Splat::Bilinear);

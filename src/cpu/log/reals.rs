@@ -10,23 +10,24 @@ use crate::engine::sums::QUANTA_PER_UNIT;
 pub const HIT_NEXT: f64 = 79228162514264337593543950336.0;
 /// Positions between two pixels are smaller, and larger times [`HIT_NEXT`].
 pub const LAST_POSITION: f64 = (1 << 30) as f64;
-/// `OFF_DETECTORS` there: the column of what is no position; beyond the map, and not marked, as such a position is.
+/// `OFF_DETECTORS` in ends.logged.wgsl: the column of an entry that is no position. A true position so far beyond the
+/// map would be marked.
 pub const OFF_DETECTORS: f64 = -1.25;
 
 /// The taps of a position along one axis.
 #[derive(Debug, Clone, Copy)]
 pub struct AxisTaps<T> {
-    /// The pixel before it.
+    /// The pixel before the position.
     pub first: u32,
-    /// The one behind it: the same at the edges and beyond.
+    /// The pixel behind the position: the same one at the edges and beyond.
     pub next: u32,
-    /// The one that was hit.
+    /// The pixel that was hit.
     pub hit: u32,
     /// The corner between them: 0 before the first pixel of all, their number behind the last.
     pub corner: u32,
-    /// How far from the first to the next it is, in 0..=1.
+    /// How far the position is from the first pixel to the next, in 0..=1.
     pub fraction: T,
-    /// It is a number.
+    /// The position is not NaN.
     pub is_number: bool,
 }
 
@@ -64,7 +65,7 @@ pub trait Real: Copy + Into<f64> {
     /// ends.logged.wgsl).
     fn tap(self, num_pixels: u32) -> AxisTaps<Self>;
 
-    /// What is logged with it in place of a column is no position.
+    /// True if an entry with this in place of a column is no position.
     fn is_off_detectors(self) -> bool;
 }
 

@@ -13,11 +13,11 @@ use crate::program::wgsl::composition::Composition;
 use crate::shaders::{ShaderFile, shader};
 use std::fmt::Write;
 
-/// In a statement, behind the name of what each ray has for itself: it stands for the ray.
+/// Stands for the ray in a statement, behind the name of a variable that each ray has for itself.
 const RAY: char = '@';
 /// A ray that an invocation follows alone.
 const ALONE: &str = "";
-/// Those that it follows side by side.
+/// The two rays that an invocation follows side by side.
 const PAIR: [&str; 2] = ["_a", "_b"];
 
 /// What a stage does with each of its rays.
@@ -57,7 +57,7 @@ struct State {
 }
 
 impl State {
-    /// Those that a file of shaders/ declares.
+    /// The variables that a file of shaders/ declares.
     fn declared_in(file: ShaderFile) -> impl Iterator<Item = State> {
         file.text.lines().filter_map(|line| {
             let (name, rest) = line.strip_prefix("var<private> ")?.split_once(": ")?;

@@ -58,8 +58,8 @@ impl Side {
 }
 
 impl FallbackQueues {
-    /// None yet, of so many rays that are to be traced, if that is known. `are_always_followed`: side traces are, whether that
-    /// pays or not.
+    /// Empty queues. `num_expected`: how many rays are to be traced, if that is known. `are_always_followed`: side
+    /// traces are followed whether or not they pay.
     pub fn new(side_traces: &[SideTrace], num_expected: Option<u64>, are_always_followed: bool) -> Self {
         let sides = side_traces.iter().map(|side| Side {
             fails_at: side.fails_at,
@@ -70,7 +70,7 @@ impl FallbackQueues {
         FallbackQueues { sides: sides.collect(), num_expected, num_followed: 0, waiting: Vec::new() }
     }
 
-    /// Begins a trace: forgets those that wait.
+    /// Begins a trace: forgets the rays that wait.
     pub fn discard(&mut self) {
         self.waiting.clear();
         self.sides.iter_mut().for_each(|side| side.followed_and_failed = [0, 0]);
@@ -110,7 +110,7 @@ impl FallbackQueues {
         })
     }
 
-    /// The first side trace, from this one on, that rays follow which failed the guard of an event.
+    /// The first side trace, from number `first` on, for rays that failed the guard of this event.
     fn side_at(&self, event: usize, first: usize) -> Option<usize> {
         let num_rays = self.num_expected.unwrap_or(0).max(self.num_followed);
         let is_there = |side: &Side| side.fails_at == event && side.pays(num_rays);
@@ -123,7 +123,7 @@ impl FallbackQueues {
         self.of(range.source).by_event[0].extend(range.first..range.first + u64::from(range.count));
     }
 
-    /// Lets no rays follow a side trace who are too few for that, when no more will come.
+    /// Called when the last rays have come. Rays that are too few for their side trace fall back on the plain stages.
     pub fn give_up_few(&mut self) {
         for (side, Side { fails_at, is_always_followed, .. }) in self.sides.iter().enumerate() {
             let least = if *is_always_followed { 1 } else { LEAST_ALONE };
@@ -135,7 +135,7 @@ impl FallbackQueues {
         }
     }
 
-    /// How many of a source wait for trace_new.
+    /// How many rays of a source wait for trace_new.
     pub fn num(&self, source: usize) -> usize {
         self.waiting.get(source).into_iter().flat_map(|waiting| &waiting.by_event).map(Vec::len).sum()
     }
@@ -159,7 +159,7 @@ impl FallbackQueues {
         Some((number, ids.drain(ids.len().saturating_sub(most)..).collect()))
     }
 
-    /// Of each side trace, how many rays of this trace were to keep to it, and how many of them failed a guard.
+    /// For each side trace, how many rays of this trace were to keep to it, and how many of these failed a guard.
     pub fn num_along_sides(&self) -> impl Iterator<Item = [u64; 2]> {
         self.sides.iter().map(|side| side.followed_and_failed)
     }
@@ -176,7 +176,7 @@ impl FallbackQueues {
 }
 
 impl Waiting {
-    /// Those that follow a side trace, or else those that failed the guard of an event.
+    /// The rays that wait for a side trace or, without one, the rays that failed the guard of an event.
     fn list(&mut self, side: Option<usize>, event: usize) -> &mut Vec<u64> {
         match side {
             Some(side) => &mut self.by_side[side],

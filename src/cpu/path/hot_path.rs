@@ -18,10 +18,10 @@ use obvhs::aabb::Aabb;
 /// A longer path is not followed: its code would grow with it.
 pub const MAX_EVENTS: u32 = 32;
 
-/// Nor one on whose way so much is to be looked at.
+/// A path on which more primitives are to be looked at is not followed either.
 const MOST_LOOKED_AT: usize = 256;
 
-/// Nor one behind which so much is to be missed: a tree is sooner searched.
+/// A path behind which more primitives are to be missed is not followed either: a tree is sooner searched.
 const MOST_MISSED: usize = 24;
 
 /// Assumptions pay as long as all of them hold for this share of the rays: the others are traced twice.
@@ -52,9 +52,10 @@ pub struct HotPathEvent {
     pub primitive: usize,
     /// The ray ends on it.
     pub ends: bool,
-    /// It, and what else is searched because it can be met before it: ascending.
+    /// The primitives that are searched, ascending: this one, and all that can be met before it.
     pub candidates: Vec<usize>,
-    /// Of the primitive, a conic, the crossing is met that is nearer to the line's closest approach to its origin.
+    /// The primitive is a conic, and rays meet its crossing that is nearer to their line's closest approach to its
+    /// origin.
     pub at_nearer_crossing: bool,
     /// Other primitives that could be met before it, each with the test that proves a miss.
     pub passed: Vec<(usize, MissTest)>,
@@ -88,8 +89,8 @@ impl HotPath {
         let is_full = primitives.len() == options.max_depth as usize && goes_on(last);
         let has_end = if *escapes { goes_on(last) && !is_full } else { ends(ir, last) || is_full };
         let goes = has_end && before.iter().all(|&i| goes_on(i));
-        // Of three faces within the tolerance, two of them in contact, it depends on their order which is the nearest; a
-        // tree keeps none.
+        // Of three faces within the tolerance, two of them in contact, their order decides which is the nearest. A tree
+        // keeps no order.
         let has_order = !contacts.has_groups() || options.tree_primitives(ir).is_empty();
         if !(fits && goes && has_order && is_possible(ir, options)) {
             return None;

@@ -2,11 +2,11 @@
 //! (`shaders/cpu/path/miss_tests.wgsl`).
 //!
 //! Each miss test is sufficient: where it holds, the search finds nothing on the segment, whatever the search rounds.
-//! Along a ray a quadric is F(t) = a t^2 + 2 g t + f. Let S be the largest length on the segment, and M = |radial| S^2
-//! + |axial| S^2 + 2 |offset| S + |constant|. What the search takes for a crossing at t has an |F(t)| of a few
-//! roundings of M. The reason is that both quotients of the citardauq formula are backward stable (Higham, Accuracy and
-//! Stability of Numerical Algorithms, 2nd ed., section 1.8). So an |F| of [`ROUNDINGS`] roundings all along the segment
-//! shows that the segment holds no crossing.
+//! Along a ray a quadric is F(t) = a t^2 + 2 g t + f. Let S be the largest length on the segment, and let M be
+//! `|radial| S^2 + |axial| S^2 + 2 |offset| S + |constant|`. What the search takes for a crossing at t has an |F(t)| of
+//! a few roundings of M. The reason is that both quotients of the citardauq formula are backward stable (Higham,
+//! Accuracy and Stability of Numerical Algorithms, 2nd ed., section 1.8). So an |F| of [`ROUNDINGS`] roundings all
+//! along the segment shows that the segment holds no crossing.
 
 use crate::cpu::path::sampled_path::SampledPath;
 use crate::model::shapes::{Quadric, Slab};
@@ -26,7 +26,7 @@ const PACES: [f64; 3] = [1.05, 1.5, 3.0];
 pub struct MissTest {
     /// What proves it.
     pub sign: Sign,
-    /// Where the segment ends; where there is none, it ends at the next event.
+    /// Where the segment ends. `None`: at the next event.
     pub exit: Option<Exit>,
 }
 
@@ -157,17 +157,18 @@ impl Exit {
         direction.z * self.pace >= 1.0
     }
 
-    /// The most that a ray goes to there; it is not positive where the ray is beyond.
+    /// The most that a ray goes to its exit. Not positive for a ray that is beyond.
     fn distance(&self, from: DVec3) -> f64 {
         (self.plane - from.z) * self.pace
     }
 }
 
-/// Where rays may leave a slab, those first that keep closest to its normal, as far as it matters for a sign.
+/// Where rays may leave a slab, as far as it matters for a sign. Exits of rays that keep closest to the slab's normal
+/// come first.
 fn exits(sign: Sign, slab: Option<[f64; 2]>) -> impl Iterator<Item = Exit> {
     let paces = match sign {
         Sign::Beside { .. } => &[][..],
-        // It goes no way to its exit.
+        // The ray is beyond its exit, so its pace does not count.
         Sign::Past => &PACES[PACES.len() - 1..],
         Sign::Leaves | Sign::Inside { .. } | Sign::Off { .. } => &PACES,
     };
@@ -227,18 +228,18 @@ pub fn sides((frame, shape): &(Frame, Shape), profiled: &mut ProfiledRays) -> Op
 /// The profiled rays that take the path, and what was assumed of them.
 #[derive(Debug)]
 pub struct ProfiledRays<'a> {
-    /// Theirs.
+    /// The recorded paths of these rays.
     samples: &'a [SampledPath],
     /// The segment that is looked at, by its number.
     pub step: usize,
-    /// For so many of the rays all that is taken must hold.
+    /// All that is assumed must hold for this share of the rays.
     least_share: f64,
-    /// For each ray, whether all that was taken so far does.
+    /// For each ray, whether all that was assumed so far holds.
     keeps: Vec<bool>,
 }
 
 impl<'a> ProfiledRays<'a> {
-    /// Rays of whom nothing is assumed yet, and the share of them for which all that is taken must hold.
+    /// Rays of which nothing is assumed yet. All that will be assumed must hold for `least_share` of them.
     pub fn new(samples: &'a [SampledPath], least_share: f64) -> Self {
         ProfiledRays { samples, step: 0, least_share, keeps: vec![true; samples.len()] }
     }
@@ -415,13 +416,13 @@ mod tests {
             let way = to - from;
             let along = Along::of(&shape, from, way.normalize());
             let there = along.g + along.a * way.length();
-            // What bends towards 0 between the ends is not looked at any closer.
+            // A quadric that bends towards 0 between the ends is not looked at any closer.
             let bends = (along.g < 0.0) != (there < 0.0) && (along.a < 0.0) == (along.f < 0.0);
             let off = to_the_end(Sign::Off { margin: 1e-4 });
             prop_assert!(off.holds(&shape, &segment) || bends || !no_crossing);
         }
 
-        /// Whatever is taken for a miss test of one ray is one: far beyond its exit as well, if it has one.
+        /// What is found as a miss test of one ray proves a miss: far beyond its exit as well, if it has one.
         #[test]
         fn a_miss_test_that_is_found_shows_that_nothing_is_met(
             shape in prop_oneof![

@@ -18,8 +18,9 @@ use crate::program::{Precision, ProgramOptions};
 /// The log of a stage that follows a path.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PathLog {
-    /// What each ray logs, in the order of the path: its positions in pixels, and its weights if they are to be logged.
-    /// Where there is none, it logs one place that means nothing but that it failed no guard, with its last weight.
+    /// What each ray logs, in the order of the path: its positions in pixels, and its weights if these are logged. On a
+    /// path without places a ray logs one place with its last weight. That place only means that the ray failed no
+    /// guard.
     pub places: Vec<Place>,
     /// What it leaves where it ends, unless that is on a detector.
     pub end: Option<LedgerEnd>,
@@ -39,8 +40,8 @@ pub struct Place {
     pub detector: usize,
     /// When rays arrive there.
     pub arrivals: Vec<Arrival>,
-    /// How near to an edge between pixels roundings decide which one is hit, by columns and by rows \[pixels\], if nearly all
-    /// rays are farther.
+    /// Within this distance of an edge, roundings decide which pixel is hit, by columns and by rows \[pixels\]. `None`
+    /// unless nearly all rays are farther.
     pub edge_room: Option<[f64; 2]>,
 }
 
@@ -67,14 +68,14 @@ pub struct LedgerEnd {
 pub enum Weight {
     /// What they were born with.
     Born,
-    /// So much.
+    /// This weight.
     Known(f64),
     /// What they log: at most what they were born with.
     Logged,
 }
 
 impl Weight {
-    /// The most that rays weigh which were born with so much.
+    /// The most that rays weigh that were born with this weight.
     pub fn most_of_born(self, born: f64) -> f64 {
         match self {
             Weight::Born | Weight::Logged => born,
@@ -106,11 +107,11 @@ fn edge_room(detector: &Detector, precision: Precision, profile: &mut ProfiledRa
     profile.takes(&detector.frame, is_off).then_some(room)
 }
 
-/// Of one log; each device has two.
+/// Most bytes of a log. There are two logs.
 const MAX_BYTES: u64 = 16 << 20;
 
 impl DepositLog {
-    /// Bytes of all that a ray may log, along the hot path, if that has a log of its own, or not.
+    /// Bytes of all that a ray may log, on the hot path (if it has a log of its own) or off it.
     pub fn ray_bytes(&self, path: Option<&PathLog>) -> u64 {
         let entries = u64::from(self.max_passes + 1) * u64::from(self.num_words() * self.word_bytes());
         entries.max(path.map_or(0, |path| path.ray_bytes(self.format)))
@@ -209,7 +210,8 @@ struct KnownWeights<'a> {
     samples: &'a [SampledPath],
     /// Rays keep the weight that they are born with.
     are_kept: bool,
-    /// All rays are born with the same one. Several sources share the rays of a trace otherwise than the profiling run does.
+    /// All rays are born with the same weight. Several sources share the rays of a trace otherwise than the profiling
+    /// run does.
     are_born_alike: bool,
 }
 
@@ -222,7 +224,7 @@ impl<'a> KnownWeights<'a> {
         KnownWeights { samples: &profile.samples, are_kept: features.keeps_weight, are_born_alike }
     }
 
-    /// What all weigh that arrive at an event, if that is known.
+    /// What all rays that arrive at an event weigh, if that is known.
     fn on_arrival(&self, event: usize) -> Option<Weight> {
         if self.are_kept {
             return Some(Weight::Born);
@@ -285,7 +287,7 @@ fn ledger_end(scene: &LoggedScene, path: &HotPath, last: &HotPathEvent) -> Optio
 /// (shaders/math/math.f64.wgsl), and some room.
 const LEAST_LEFT: f64 = 0.72;
 
-/// Whether media take little, on each of their ways, from nearly all profiled rays that lose to media alone.
+/// Whether media take little, on each leg, from nearly all profiled rays that lose to media alone.
 pub fn media_absorb_weakly(ProfiledPath { samples, .. }: &ProfiledPath) -> bool {
     let loses_little = |sample: &&SampledPath| {
         sample.weights.windows(2).all(|weights| weights[1] >= LEAST_LEFT * weights[0])
@@ -336,7 +338,7 @@ fn is_bilinear(kind: &DetectorKind) -> bool {
     kind.is_plain_grid() && kind.grid().is_some_and(|grid| grid.splat == Splat::Bilinear)
 }
 
-/// What all ways have alike, if they do.
+/// What all samples have in common, if they do.
 fn same<T: PartialEq>(samples: &[SampledPath], of: impl Fn(&SampledPath) -> Option<T>) -> Option<T> {
     let mut all = samples.iter().map(of);
     let first = all.next()??;

@@ -20,7 +20,7 @@ use glam::DVec3;
 /// Rays whose paths are looked at.
 const PROFILED_RAYS: u64 = 512;
 
-/// Of the profiled rays, a side trace is taken by so many at least: a stage does not pay for fewer.
+/// At least this share of the profiled rays takes a side trace: a stage does not pay for fewer.
 const LEAST_SIDE_SHARE: f64 = 0.01;
 
 /// What profiling has found.
@@ -28,7 +28,7 @@ const LEAST_SIDE_SHARE: f64 = 0.01;
 pub struct FrequentPaths {
     /// The hot path, which most rays take.
     pub hot: ProfiledPath,
-    /// Those that most of the others take, the most frequent first.
+    /// The paths that most of the others take, the most frequent first.
     pub sides: Vec<ProfiledPath>,
 }
 
@@ -147,7 +147,7 @@ fn met(ir: &SceneIr, ray: &[&PathEvent]) -> Vec<usize> {
 }
 
 fn sample(ray: &[&PathEvent]) -> SampledPath {
-    // An escape is recorded where the ray was last; its way goes on from there.
+    // An escape is recorded where the ray was last. Its path goes on from there.
     let position = |event: &&PathEvent| {
         let [at, direction] = [event.ray.position, event.ray.direction].map(DVec3::from_array);
         if event.kind == PathEventKind::Escaped { at + direction } else { at }

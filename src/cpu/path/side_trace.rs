@@ -7,7 +7,7 @@ use crate::cpu::path::path_log::{LoggedScene, PathLog, media_absorb_weakly};
 use crate::program::geometry::contact::Contacts;
 use glam::DVec3;
 
-/// More would make the shaders' text long, each of whose paths is another one to read.
+/// More side traces would make the shaders' text long, because each path is written out.
 pub const MOST_SIDE_TRACES: usize = 12;
 
 /// A side trace.

@@ -192,8 +192,8 @@ impl Differentiated {
     /// the first pass has done. Where the very first call ends the trace, there is no result.
     ///
     /// # Errors
-    /// [`Error::Usage`] for options that make no sense, for a parameter that changes what the scene is made of, and for
-    /// one that acts at edges alone. [`Error::Interrupted`] if the first call ended it. [`Error::Device`] if the device
+    /// [`Error::Usage`] for options that make no sense, for a parameter that changes what the scene is made of, or one
+    /// that acts at edges alone. [`Error::Interrupted`] if the first call ended it. [`Error::Device`] if the device
     /// fails.
     pub fn gradients(
         &self,
