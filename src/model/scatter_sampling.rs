@@ -88,7 +88,7 @@ pub const DEFAULT_SHARE: f64 = 0.5;
 /// Most targets of a surface.
 const MOST_TARGETS: usize = 64;
 
-/// Numbers of a target in the table of shaders/scatter_to/lobe.wgsl.
+/// Numbers of a target in the table of shaders/scatter_to/lobe.mixed.wgsl.
 const NUMBERS: usize = 11;
 
 /// Why something that was asked for cannot be.

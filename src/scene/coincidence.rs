@@ -17,7 +17,7 @@ use crate::scene::json::{SceneFile, Source};
 use crate::scene::media::MediaTable;
 use crate::scene::surfaces::SceneSurface;
 
-/// What `check` and `trace` say of them. The tracer meets what is named here first (program::contact).
+/// What `check` and `trace` say of them. The tracer meets what is named here first (program::geometry::contact).
 pub(super) fn warnings(
     file: &SceneFile,
     surfaces: &[SceneSurface],

@@ -5,12 +5,15 @@
     python3 tests/house/words.py --only cpu       what is found in files with `cpu` in their paths
     python3 tests/house/words.py --self-test      plants errors in copies of sentences, and checks that each is found
 
-*Long sentences* have more than 25 words. They are looked for in Markdown and in every comment of src/ and shaders/. Headings, tables, blocks of code and the targets of links are left out. A name in backticks is one word, and so is a
-row of such names: "`a`, `b` and `c`". A number with its unit is two words. A colon or a semicolon does not end a sentence.
+*Long sentences* have more than 25 words. They are looked for in Markdown and in every comment of src/ and shaders/.
+Headings, tables, blocks of code and the targets of links are left out. A name in backticks is one word, and so is a row
+of such names: "`a`, `b` and `c`". A number with its unit is two words. A colon or a semicolon does not end a sentence.
 
-*Banned phrases* are looked for in Markdown and in every comment of src/ and shaders/. Names in backticks are left out.
-A stacked negation is two words such as "no", "not" or "without", with at most three words between, and no comma or "and". "None if" is free.
-Left out are comments above `#[arg(` or `#[command(`, which are the texts of `--help`: contracts, which tests compare.
+*Banned phrases* are looked for in the same texts, and in headings and tables. Names in backticks are left out. A stacked
+negation is two words such as "no", "not" or "without", with at most three words between. A comma, an "and" or an "or"
+parts them, and "None if" is free.
+
+Left out are comments above `#[arg(` or `#[command(`: they are texts of `--help`, which are contracts.
 """
 
 import argparse
@@ -41,6 +44,7 @@ PHRASES = {
 # (end of the path, words of the sentence): the reason why it stays.
 SCHEMA = "text of `nsq-gpu schema`, a contract"
 EXCEPTIONS = {
+    ("CONTRIBUTING.md", "lone, told, taken for granted"): "names the word that is banned",
     ("scene/json.rs", "that of the front face if null"): SCHEMA,
     ("scene/json.rs", "in the order in which they are tried"): SCHEMA,
     ("scene/json.rs", "stands behind the element and before the next one"): SCHEMA,
@@ -81,6 +85,16 @@ def sentences(text):
 
 def num_words(sentence):
     return len([word for word in sentence.split() if re.search(r"\w", word)])
+
+
+def cells(lines):
+    """(number of its line, text) of each heading and cell of a table, where phrases are looked for, but no words counted."""
+    fence = False
+    for number, line in lines:
+        bare = line.strip()
+        fence ^= bare.startswith(("```", "~~~"))
+        if not fence and bare.startswith(("|", "#")):
+            yield from ((number, cell) for cell in bare.split("|"))
 
 
 def paragraphs(lines):
@@ -166,13 +180,14 @@ def findings(path, text):
     else:
         blocks += comments(text)
     for lines in blocks:
-        for number, paragraph in paragraphs(lines):
+        texts = [(True, *found) for found in paragraphs(lines)] + [(False, *found) for found in cells(lines)]
+        for counted, number, paragraph in texts:
             for sentence in sentences(paragraph):
                 if any(path.endswith(end) and words in sentence for end, words in EXCEPTIONS):
                     continue
                 # The line is the paragraph's: a sentence may begin anywhere in a line.
                 words = num_words(sentence)
-                if words > MOST_WORDS:
+                if counted and words > MOST_WORDS:
                     yield number, "long", f"({words} words) {sentence}"
                 for kind, pattern in PHRASES.items():
                     if re.search(pattern, sentence, re.I):
@@ -206,6 +221,7 @@ PLANTED = [
     ("a.md", f"```\n{LONG} six tells.\n```\n\n| {LONG} six |\n|---|\n\n## {LONG} six\n", []),
     ("a.md", f"{LONG.replace('twenty', '`a`, `b c d` and `e`')}.\n", []),
     ("a.md", f"Short:\n\n    {LONG} six\n    seven.\n\n- An item\n\n    that tells.\n", ["tell"]),
+    ("a.md", "| it | tells |\n|---|---|\n| none | where |\n\n## What is told\n", ["tell", "tell"]),
     ("a.md", "The line tells\nnothing new.\n", ["tell"]),
     ("a.md", "The name `told` stays.\n", []),
     ("a.rs", f"//! {LONG}\n//! six.\n", ["long"]),
