@@ -273,8 +273,8 @@ impl LogBuffers {
     }
 }
 
-/// Threads that add up. Lavapipe deals a dispatch out to all processors in equal parts, and waits for each part. A lone
-/// thread would keep one processor from its part, and the others would wait.
+/// Threads that add up. Lavapipe deals a dispatch out to all processors in equal parts, and waits for each part. A
+/// single thread would keep one processor from its part, and the others would wait.
 fn num_threads(cells: &Cells) -> usize {
     processors::count().min(MOST_THREADS).min(MOST_CELLS / cells.num_cells.max(1) as usize).max(1)
 }

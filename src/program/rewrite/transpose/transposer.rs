@@ -1,4 +1,4 @@
-//! The state of transposer a module, which all its functions share.
+//! The state of transposing a module, which all its functions share.
 
 use crate::error::{Error, Result};
 use crate::program::rewrite::jvp::rewriting::Rewriting;
