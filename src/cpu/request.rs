@@ -30,7 +30,7 @@ pub struct CpuShader {
     pub hot_path: Option<HotPath>,
     /// What that stage logs, where positions alone or with weights are enough.
     pub path_log: Option<PathLog>,
-    /// The paths that `trace_side_a` and so on follow. They log as the hot path does.
+    /// The paths that `trace_side_a` and so on follow. Side traces log as the hot path does.
     pub side_traces: Vec<SideTrace>,
     /// Media take little from the rays of all these paths on each leg.
     pub(crate) media_absorb_weakly: bool,

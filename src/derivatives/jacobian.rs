@@ -1,8 +1,8 @@
 //! The parameter Jacobian: how all numbers that a program reads change with a parameter of the user. The Jacobian is
 //! found by differences of scenes in which one parameter is a little larger or smaller.
 //!
-//! A thickness moves a face, an edge and a volume. So the program's numbers are functions of the user's. Their
-//! derivatives are taken where the program is packed, and shaders know nothing of parameters. A difference takes six
+//! A thickness moves a face, an edge and a volume. So the program's numbers are functions of the user's. Derivatives by
+//! parameters are taken where the program is packed, and shaders know nothing of parameters. A difference takes six
 //! scenes, or seven on one side, and is exact to about 1e-12.
 
 use crate::engine::budget::distribute;

@@ -153,10 +153,9 @@ impl PolarTable {
         self.rows.iter().map(|row| row[next - 1] * (1.0 - part) + row[next] * part).collect()
     }
 
-    /// The table of shaders/optics/polar_table.wgsl, for a flux of 1. It begins with the numbers of knots and of
-    /// azimuths. Then come the shares of the flux below each knot, and the knots' angles. Each knot then has the angle
-    /// to the next one, its sine, cosine and total. Azimuths follow. Last, each knot has its values and then their
-    /// sums.
+    /// The table of shaders/optics/polar_table.wgsl, for a flux of 1. The numbers of knots and of azimuths come first.
+    /// Then come the shares of the flux below each knot, and the knots' angles. Each knot then has the angle to the
+    /// next one, its sine, cosine and total. Azimuths follow. Last, each knot has its values and then their sums.
     pub(crate) fn numbers(&self) -> Vec<f64> {
         let knots = self.knots();
         let fluxes: Vec<f64> = knots.windows(2).map(|pair| pair[0].flux_to(&pair[1])).collect();

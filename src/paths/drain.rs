@@ -139,9 +139,9 @@ impl PathHashTable {
         Ok(())
     }
 
-    /// The sequences that have rows, where a trace has more sequences than rows. They have the most flux among the
-    /// first rays of the whole trace. The choice depends on the scene and the draws alone. The table is used for it,
-    /// and must have been read.
+    /// The sequences that have rows, where a trace has more sequences than rows. The sequences of most flux among the
+    /// first rays of the whole trace have rows. The choice depends on the scene and the draws alone. The table is used
+    /// for it, and must have been read.
     fn choose(&mut self, engine: &Engine) -> Result<Vec<Sequence>> {
         self.resize(self.most_slots);
         self.clear(None)?;

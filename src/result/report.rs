@@ -23,8 +23,8 @@ pub const SCHEMA: u32 = 1;
 ///   flux. `file` and `picture` are null if none was written. Detectors with pixels have `width` and `height` \[mm\].
 ///   Ray databases have `num_rays_stored`, the number of rows kept, whose flux is `total_flux`. They also have
 ///   `total_flux_recorded`, the flux of all rows, and `frame`. A frame has the local x, y, z in global coordinates as
-///   `axes`, and an `origin` in mm. A flux that rests on fewer than ten rays has `rests_on`, the number of rays. It
-///   also has `upper_bound_95` \[W\]: the flux is below with 95 % confidence. The map of a path has a `title`, its
+///   `axes`, and an `origin` in mm. A flux that rests on fewer than ten rays has `rests_on`, the number of rays.
+///   `upper_bound_95` \[W\] stands beside: the flux is below with 95 % confidence. The map of a path has a `title`, its
 ///   sequence.
 /// - `paths` and `paths_without_row`: light by its path, the most flux first, and light whose sequence has no row, by its
 ///   end. Missing unless light was summed up by its path.

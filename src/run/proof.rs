@@ -5,8 +5,8 @@
 //! checksum of each part. Checksums are linear: over all ranges they add up to the result's checksum. So a result
 //! cannot hold more or less than its ranges.
 //!
-//! The proof leaves out rows of ray databases, recorded paths and the table of paths. It also leaves out marks, such as
-//! that a surface was reached. None of these add up.
+//! The proof leaves out rows of ray databases, recorded paths and the table of paths. The proof also leaves out marks,
+//! such as that a surface was reached. None of these add up.
 
 use crate::engine::budget::{SourceRays, distribute, part};
 use crate::error::{Error, Result};

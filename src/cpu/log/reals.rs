@@ -4,8 +4,8 @@ use crate::engine::sums::QUANTA_PER_UNIT;
 
 // How a position is written (ends.logged.wgsl), by columns and by rows alike. A position lies between two pixels. Where
 // the ray hit the second one, the position is multiplied by HIT_NEXT. At the edge of the map both pixels are the same
-// one, marked or not. So it is beyond the edge, where roundings may lead far from the scene's centre. A position of 0,
-// which HIT_NEXT cannot mark, is the middle of the first pixel, which was hit.
+// one, marked or not. Beyond the edge, where roundings may lead far from the scene's centre, both are that pixel, too.
+// A position of 0, which HIT_NEXT cannot mark, is the middle of the first pixel, which was hit.
 /// `HIT_NEXT` in ends.logged.wgsl.
 pub const HIT_NEXT: f64 = 79228162514264337593543950336.0;
 /// Positions between two pixels are smaller, and larger times [`HIT_NEXT`].

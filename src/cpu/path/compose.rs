@@ -90,7 +90,7 @@ impl Stages<'_> {
         Ok(text)
     }
 
-    /// The stage of a path. Its rays are the rays of the range or, on a side trace, the rays of a list.
+    /// The stage of a path: for rays of the range or, on a side trace, for rays of a list.
     fn path_stage(&self, number: usize, entry_point: &str, walk: &Walk) -> String {
         let key = if number == 0 { "key_in_range" } else { "key_of" };
         let follow = match self.extension.rays_per_invocation {

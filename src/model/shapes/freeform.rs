@@ -158,8 +158,8 @@ impl Freeform {
     }
 }
 
-/// The coefficients of Chebyshev polynomials over the square of half side R. They follow from values at the nodes, by
-/// the discrete orthogonality of the polynomials (Mason and Handscomb, section 4.6).
+/// The coefficients of Chebyshev polynomials over the square of half side R. Coefficients follow from values at the
+/// nodes, by the discrete orthogonality of the polynomials (Mason and Handscomb, section 4.6).
 fn expanded(aperture_radius: f64, polynomial: &Polynomial<'_>) -> Vec<Vec<f64>> {
     let [nx, ny] = polynomial.powers.map(|power| power + 1);
     let node = |k: usize, n: usize| (PI * (k as f64 + 0.5) / n as f64).cos();

@@ -209,7 +209,7 @@ impl Cells {
     }
 }
 
-/// True if a detector's squares add up to the square of what each ray left on it. So it is if all rays are of one
+/// True if a detector's squares add up to the square of what each ray left on it. This holds if all rays are of one
 /// source, and each meets one cell of one detector, unsplit.
 pub fn cells_hold_totals(ir: &SceneIr) -> bool {
     ir.sources.len() == 1 && !splits(ir) && ir.detectors.iter().all(takes_rays_whole)

@@ -12,7 +12,7 @@ use crate::result::figures::found::Figure;
 /// Maps with noise. The standard error of a standard error of so many is 5 %.
 const NOISY_MAPS: usize = 200;
 
-/// Figures of a field, of which some may not exist. They have errors if the errors of the field's cells are known.
+/// Figures of a field, of which some may not exist. Figures have errors if the errors of the field's cells are known.
 pub(super) fn with_errors<const N: usize>(
     field: &Field,
     has_errors: bool,

@@ -52,7 +52,7 @@ pub(super) struct Transposer<'a> {
     /// The old module.
     pub(super) module: &'a Module,
     info: &'a ModuleInfo,
-    /// The new module. Its functions without adjoints are the old module's.
+    /// The new module. Functions without adjoints are the old module's.
     pub(super) rewriting: Rewriting<'a>,
     /// The variables that hold the adjoints of another's reals.
     pub(super) twins: HashMap<Handle<GlobalVariable>, Handle<GlobalVariable>>,
