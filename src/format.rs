@@ -24,7 +24,7 @@ pub(crate) fn plain(text: &str) -> String {
     escaped(text, &[])
 }
 
-/// Bytes as hexadecimal digits, such as those of a hash.
+/// Bytes as hexadecimal digits, such as the bytes of a hash.
 pub(crate) fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
@@ -98,8 +98,8 @@ fn trim_zeros(number: &str) -> &str {
     if number.contains('.') { number.trim_end_matches('0').trim_end_matches('.') } else { number }
 }
 
-/// A value in standard errors: infinite where the error is that of rounding alone, and none where the error is not known. The
-/// value is a difference of numbers as large as `scale`: what their rounding leaves counts as 0.
+/// A value in standard errors: infinite if the only error is rounding, and `None` if the error is not known. The value
+/// is a difference of numbers as large as `scale`: what their rounding leaves counts as 0.
 pub(crate) fn sigmas(value: f64, error: Option<f64>, scale: f64) -> Option<f64> {
     const ROUNDING: f64 = 1e-12;
     match error {

@@ -5,7 +5,7 @@ use std::path::Path;
 /// Where Wayland's library looks for a compositor. The library complains if the variable is missing or no absolute
 /// path.
 const RUNTIME_FOLDER: &str = "XDG_RUNTIME_DIR";
-/// A folder that does not exist: a program that has no compositor needs none.
+/// A folder that does not exist. A program without a compositor needs no more.
 const NOWHERE: &str = "/nonexistent";
 /// If this variable is true, drivers do not announce at every start that they have not been certified.
 const IGNORE_CONFORMANCE: &str = "MESA_VK_IGNORE_CONFORMANCE_WARNING";

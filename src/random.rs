@@ -1,4 +1,4 @@
-//! Random numbers that no ray draws: those of tolerances, and of the noise that is tried on maps.
+//! Random numbers beside the rays' own: for tolerances, and for the noise that is tried on maps.
 
 /// SplitMix64 (Steele, Lea, Flood: Fast splittable pseudorandom number generators, 2014).
 #[derive(Debug, Clone)]

@@ -1,7 +1,8 @@
 // Measured: values over the angle of incidence, and over two angles about the specular direction (model::bsdfs::measured).
 //
-// A direction is drawn by the exact inverse of the values, so that a ray carries all the light of the table times its cosine with
-// the normal. That light is the integral of the values over all directions. Below the surface no direction lies.
+// A direction is drawn by the exact inverse of the values. So a ray carries all the light of the table times the
+// direction's cosine with the normal. The light of the table is the integral of the values over all directions. Below
+// the surface no direction lies.
 
 // The table holds the angles of incidence [deg]. For each of them follow the light of its row, and where the table of that row
 // begins (optics/polar_table.wgsl), counted from here.

@@ -1,10 +1,11 @@
-// The way back: a ray is followed to its end, and its path is then walked from the last event to the first. Each event hands on
-// what the loss gains by a change of the ray (the adjoint): from the ray after the event to the ray before, and to the
-// numbers of the scene. Twin of tangents.wgsl.
+// The way back: a ray is followed to its end, and its path is then walked from the last event to the first. What the
+// loss gains by a change of the ray is the ray's adjoint. Each event hands adjoints on: from the ray after the event to
+// the ray before, and to the numbers of the scene. Twin of tangents.wgsl.
 //
-// program::rewrite::transpose writes the functions that are empty here. A name that ends in `_back` means the function of the name
-// without this end: it takes that function's arguments, then pointers to adjoints of those that hold reals, then the adjoint of
-// the result. Source: Griewank and Walther, Evaluating Derivatives (2008), section 3.2: reverse propagation of gradients.
+// program::rewrite::transpose writes the functions that are empty here. For example, `generate_back` is the way back of
+// `generate`. Such a function takes the plain function's arguments, then pointers to adjoints of the arguments that
+// hold reals. Last comes the adjoint of the result. Source: Griewank and Walther, Evaluating Derivatives (2008),
+// section 3.2: reverse propagation of gradients.
 
 fn begin_back() {}
 fn generate_back(index: u32, adjoint: Ray) {}
@@ -60,9 +61,9 @@ fn intersect(ray: Ray) -> Hit {
     return Hit(attached(hit.distance, hit.distance - crossing_step(ray, hit)), hit.primitive);
 }
 
-// Of each event is kept what the way back cannot find again: where the ray came from, how far, in what medium and with what
-// weight, and what it met. Of a longer path, the last events are kept. Where these have been walked back, the ray is traced
-// again up to them.
+// Each event keeps what the way back cannot find again: where the ray came from, its distance, medium and weight, and
+// what it met. Of a longer path, the last events are kept. Where these have been walked back, the ray is traced again
+// up to them.
 const MOST_KEPT: u32 = 16u;
 const NUM_KEPT: u32 = min(MAX_DEPTH, MOST_KEPT);
 

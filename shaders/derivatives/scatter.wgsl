@@ -1,6 +1,6 @@
-// Whether a ray scatters is drawn, and so is whether the lobe lies beyond the surface. The share of the branch is attached to
-// the weight. The plain function's weights of branches undo the clipping of the fraction; their derivatives are those of the
-// share.
+// Whether a ray scatters is drawn, and so is whether the lobe lies beyond the surface. The share of the branch is
+// attached to the weight. The plain function's weights of branches undo the clipping of the fraction. The derivative of
+// such a weight is the derivative of the share.
 
 fn scatter(ray: ptr<function, Ray>, surface: Surface, n_geometric: vec3<real>, incoming: vec3<real>) {
     let key = (*ray).key;

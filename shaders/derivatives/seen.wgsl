@@ -1,10 +1,10 @@
-// What a derivative sees of a trace, and where it goes. Twin of sums/deposit.plain.wgsl. Without derivatives nothing of this
-// is in the text.
+// What a derivative sees of a trace, and where it goes. Twin of sums/deposit.plain.wgsl. A trace without derivatives
+// has other text.
 //
-// Decisions and draws are detached: their values are those of the plain trace, and no derivative goes through them. The
-// weight of a ray is attached: where a branch was drawn with a probability p, the weight carries p / detached(p), whose
-// value is 1 and whose derivative is that of ln p. Source: Zeltner et al., Monte Carlo Estimators for Differential Light
-// Transport (SIGGRAPH 2021), section 4: detached sampling.
+// Decisions and draws are detached: they have the values of the plain trace, and no derivative goes through them. The
+// weight of a ray is attached. Where a branch was drawn with a probability p, the weight carries p / detached(p). This
+// factor has the value 1 and the derivative of ln p. Source: Zeltner et al., Monte Carlo Estimators for Differential
+// Light Transport (SIGGRAPH 2021), section 4: detached sampling.
 
 // The value, with the derivative of the carrier.
 fn attached(value: real, carrier: real) -> real {

@@ -16,7 +16,8 @@ fn deposit_tangent(cell: u32, tangent: real, number: u32) {
     }
 }
 
-// The distance to the next hit is found by the plain search. Its derivative is that of one Newton step, whose value is zero.
+// The distance to the next hit is found by the plain search. The distance has the derivative of one Newton step, whose
+// value is zero.
 fn intersect(ray: Ray) -> Hit {
     let hit = plain_intersect(ray);
     return Hit(attached(hit.distance, hit.distance - crossing_step(ray, hit)), hit.primitive);

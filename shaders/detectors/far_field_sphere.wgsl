@@ -1,5 +1,5 @@
-// Far field over the sphere: a far field of the directions forwards, and behind it one of those backwards, whose polar angle is
-// counted from the backward axis.
+// Far field over the whole sphere. The directions forwards have a far field, and behind it lies another one of the
+// directions backwards. There the polar angle is counted from the backward axis.
 
 fn record_far_field_sphere(ray: Ray, detector: Detector, ends: bool) {
     var own = detector;

@@ -1,9 +1,10 @@
-// Apertures that are no disk about the axis. The aperture of a surface stands in the buffer of tables, at `first`: how many
-// numbers follow, then the parts of the aperture, each before what is made of them (model::shapes::Aperture::numbers). Where
-// `first` is negative, or no number follows, the surface has no such aperture. Twin of clip.none.wgsl.
+// Apertures that are no disk about the axis. The aperture of a surface stands in the buffer of tables, at `first`. The
+// number of numbers comes first, then the parts of the aperture (model::shapes::Aperture::numbers). For example, a
+// union stands behind the two parts that it joins. Where `first` is negative, or no number follows, the surface has no
+// such aperture. Twin of clip.none.wgsl.
 
-// What stands in the table: an ellipse and a rectangle with a middle and the inverses of the semi-axes, a polygon with its
-// corners; and what makes one of the last two parts, or of the last.
+// What stands in the table. An ellipse and a rectangle have a middle and the inverses of the semi-axes, and a polygon
+// has its corners. The other codes make one part of the last two parts, or of the last one.
 const CLIP_ELLIPSE: u32 = 0u;
 const CLIP_RECTANGLE: u32 = 1u;
 const CLIP_POLYGON: u32 = 2u;

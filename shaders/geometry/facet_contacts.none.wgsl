@@ -1,5 +1,4 @@
-// No facet of a mesh is in contact; contacts are those of whole primitives. Twin of the same functions in
-// facets.touching.wgsl.
+// No facet of a mesh is in contact. Only whole primitives are. Twin of the same functions in facets.touching.wgsl.
 
 fn contact_at(primitive: u32, triangle: u32) -> Contact {
     return contact_of(primitive);

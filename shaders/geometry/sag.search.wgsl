@@ -9,19 +9,21 @@
 // each through its middle:
 //
 // - without a crossing, if |F| in the middle is more than `speed` times half the length: on to the next interval;
-// - with at most one, if |F'| in the middle is more than `bend` times half the length: one end then tells whether there is
-//   one, and Newton's method finds it within that half;
+// - with at most one, if |F'| in the middle is more than `bend` times half the length. The sign at one end then shows
+//   whether there is a crossing, and Newton's method finds it within that half;
 // - undecided: the interval is halved. Where halving reaches what rounding hides, the signs at both ends decide.
 //
-// The ray starts with what lies within the aperture's cylinder and between the sag's lowest and highest place. A ray that
-// leaves the surface has F = 0 at its start. Its other crossings are those of F(t) / t, whose derivative is at most bend / 2.
+// The ray starts with what lies within the aperture's cylinder and between the sag's lowest and highest place. A ray
+// that leaves the surface has F = 0 at its start. The ray's other crossings are the zeros of F(t) / t, whose derivative
+// is at most bend / 2.
 //
 // A caller gives the sag at `place`, step by step: to `sag_single` while `phase` is SAG_SINGLE, then to `sag_next` until
 // `phase` is SAG_DONE. `distance` then is the result or MISS.
 
 const SAG_DONE: u32 = 0u;
-// The sag is wanted where the ray starts that leaves the surface; in the middle of an interval; at one of its ends; at both,
-// one after the other; and at a point that Newton's method gives.
+// Where the sag is wanted. SAG_START: where a ray starts that leaves the surface. SAG_MIDDLE: in the middle of an
+// interval. SAG_END: at one of its ends. SAG_FIRST_END, then SAG_LAST_END: at both ends. SAG_NEWTON: at a point that
+// Newton's method gives.
 const SAG_START: u32 = 1u;
 const SAG_MIDDLE: u32 = 2u;
 const SAG_END: u32 = 3u;
@@ -54,15 +56,16 @@ struct SagSearch {
     clip: real,
     limit: real,
     speed: real,
-    // The part across the axis of the direction; the bend, and what a tip on the axis adds to it, times the distance from the
-    // axis.
+    // `across`: the part of the direction that lies across the axis. `bend`: the bend. `tip`: what a tip on the axis
+    // adds to the bend, times the distance from the axis.
     across: real,
     bend: real,
     tip: real,
-    // Half the length of an interval that rounding hides; of the one at the start of a ray that leaves.
+    // Half the length of an interval that rounding hides. The second one is for the start of a ray that leaves.
     hidden: real,
     hidden_at_start: real,
-    // The interval: its near end, half its length, how often it was halved, and its number among those of its length.
+    // The interval: its near end, half its length, how often it was halved, and its number among intervals of that
+    // length.
     near: real,
     half: real,
     halvings: u32,

@@ -1,9 +1,9 @@
 // Reflection is drawn with the probability that the guide has for it, mixed with the face's own. Twin of
 // optics/branch.fresnel.wgsl.
 //
-// A path that the guide alone draws with the probability Q, and plain rays with P, is drawn here with
-// a P + (1 - a) Q, where a is PLAIN_SHARE. So its weight is 1 / (a + (1 - a) Q / P) times that of a plain ray, and at most
-// 1 / a. Each event keeps that mixture: the probability of a reflection is the mean of both, weighted by how likely
+// Let the guide alone draw a path with the probability Q, and plain rays with P. Here the path is drawn with a P + (1 -
+// a) Q, where a is PLAIN_SHARE. So its weight is a plain ray's weight times 1 / (a + (1 - a) Q / P), and at most 1 / a
+// of it. Each event keeps that mixture: the probability of a reflection is the mean of both, weighted by how likely
 // either would have come so far. The ray carries Q / P (Veach and Guibas, Optimally combining sampling techniques for
 // Monte Carlo rendering, SIGGRAPH 1995, section 3: one-sample balance heuristic).
 

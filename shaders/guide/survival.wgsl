@@ -1,5 +1,5 @@
-// Russian roulette by the weight that a plain ray would have that came here: a guided ray on a rare path has a low weight,
-// and is wanted.
+// Russian roulette by the weight that a plain ray would have here. A guided ray on a rare path has a low weight, but is
+// wanted.
 
 fn roulette(ray: ptr<function, Ray>) {
     let before = (*ray).weight;

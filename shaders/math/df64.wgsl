@@ -1,8 +1,8 @@
 // Double-word arithmetic: a real as the unevaluated sum of two f32, (high, low), where high is the sum rounded to
-// nearest. The host rewrites every f64 of the other files into these (program::rewrite::df64).
-// Algorithms and bounds: Joldes, Muller and Popescu, Tight and rigorous error bounds for basic building blocks of
-// double-word arithmetic (ACM TOMS 44(2), 2017); Lefevre, Louvet, Muller, Picot and Rideau, Accurate calculation of
-// Euclidean norms using double-word arithmetic (ACM TOMS 49(1), 2023). u = 2^-24.
+// nearest. The host rewrites every f64 of the other files into these (program::rewrite::df64). The unit of roundoff is
+// u = 2^-24. Algorithms and bounds: Joldes, Muller and Popescu, Tight and rigorous error bounds for basic building
+// blocks of double-word arithmetic (ACM TOMS 44(2), 2017). Norms: Lefevre, Louvet, Muller, Picot and Rideau, Accurate
+// calculation of Euclidean norms using double-word arithmetic (ACM TOMS 49(1), 2023).
 
 // A zero whose value no compiler knows. An exclusive or with it protects a rounded result on every platform. A compiler
 // could otherwise simplify the result, as (a + b) - a to b, fuse it with what follows, or reorder it.

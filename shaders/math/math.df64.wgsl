@@ -30,7 +30,7 @@ fn exp_near_zero(x: real) -> real {
 
 // ln(x) of a positive normal number.
 fn log_real(x: real) -> real {
-    // Bits counted from those of sqrt(1/2), so that the significand lies between sqrt(1/2) and sqrt(2).
+    // Bits minus the bits of sqrt(1/2), so that the significand lies between sqrt(1/2) and sqrt(2).
     let bits = bitcast<u32>(f32(x)) - 0x3F3504F3u;
     let exponent = bitcast<i32>(bits) >> 23u;
     let half = exponent >> 1u;

@@ -34,7 +34,7 @@ fn exp_near_zero(x: real) -> real {
 
 // ln(x) of a positive normal number. Error: 1 ulp.
 fn log_real(x: real) -> real {
-    // Bits counted from those of sqrt(1/2), so that the significand lies between sqrt(1/2) and sqrt(2).
+    // Bits minus the bits of sqrt(1/2), so that the significand lies between sqrt(1/2) and sqrt(2).
     let bits = bitcast<u32>(x) - 0x3F3504F3u;
     let exponent = real(bitcast<i32>(bits) >> 23u);
     return log_kernel(exponent, bitcast<f32>((bits & 0x7FFFFFu) + 0x3F3504F3u) - 1.0);

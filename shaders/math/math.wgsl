@@ -102,7 +102,7 @@ fn atan2_real(y: real, x: real) -> real {
     let t = numerator / select(denominator, 1.0, denominator == 0.0);
     let z = t * t;
     let part = t + t * (z * poly_atan(z));
-    // The angle is this many quarters of pi, plus or minus that of the ratio.
+    // The angle is this many quarters of pi, plus or minus the angle of the ratio.
     let steep = abs(y) > abs(x);
     let backward = x < 0.0;
     let in_octant = choose(0.0, 1.0, shifted);

@@ -1,9 +1,9 @@
-// Coatings by the angle of incidence: reflectance R and transmittance T for light from the front medium and from the back
-// medium, linear in the cosine between those of a table. Where R + T < 1, the rest is absorbed. Twin of
-// coating.none.wgsl and coating.simple.wgsl.
+// Coatings by the angle of incidence. A table has the reflectance R and the transmittance T for light from the front
+// medium and from the back medium. Between two cosines of the table, both are linear in the cosine. Where R + T < 1,
+// the rest is absorbed. Twin of coating.none.wgsl and coating.simple.wgsl.
 //
 // A table holds ascending cosines, then four columns for each wavelength: R and T from the front, R and T from the back
-// (model::TabulatedCoating::numbers). A surface without a coating has no cosines.
+// (model::TabulatedCoating::numbers). The table of an uncoated surface has no cosines.
 
 // R and T at a cosine between the ray's direction and the geometric normal, which is positive from the front.
 struct Coating {

@@ -78,8 +78,8 @@ fn light_below(knot: u32, total: real, slope: real, s: real) -> real {
     return total * even + slope * rising;
 }
 
-// The azimuth below which lies the share u of a cone's light. The cone stands a part of the way from the knot of `row` to the
-// next one; each knot has its values and then their sums.
+// The azimuth below which lies the share u of a cone's light. The cone stands a part of the way from the knot of `row`
+// to the next knot. Each knot has its values and then their sums.
 fn azimuth_of(azimuths: u32, count: u32, row: u32, part: real, u: real) -> real {
     let next = row + 2u * count;
     let light = u * between_knots(row + 2u * count - 1u, next + 2u * count - 1u, part);

@@ -1,4 +1,5 @@
-// The tables of shapes and sources, then those of BSDFs and of coatings. A surface's record holds where its own tables begin.
+// The tables of shapes and sources, then of BSDFs, of targets and of coatings. A surface's record holds where its own
+// tables begin.
 @group(GROUP_SCENE) @binding(BINDING_TABLES) var<storage, read> tables: array<real>;
 
 // The interval of ascending knots that holds x: the last one whose lower knot is not above x.

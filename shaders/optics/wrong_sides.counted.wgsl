@@ -3,7 +3,7 @@
 //
 // A ray that a face lets pass into the medium in which it already is has come from the wrong side. Either that face is
 // turned inside out, or a solid before it is open. A ray that ends in a medium in which it was not born has left a
-// solid by no face. An absorber may bound a solid, and other fates may come anywhere, so that these ends tell nothing.
+// solid by no face. Other ends mean nothing: an absorber may bound a solid, and other fates may come anywhere.
 
 // True where a guard may still fail, and the ray is then traced anew (cpu/path/sides.guarded.wgsl). There it is not
 // counted, and noted in `went_wrong`.

@@ -59,7 +59,7 @@ fn followed_flush_bins() {
     plain_flush_bins();
 }
 
-// Ends of rays that no detector records. Their places follow those of the detectors, as in model::sequence.
+// Ends of rays that no detector records. The places of such ends follow the detectors' places, as in model::sequence.
 fn followed_deposit_fate(ray: Ray) {
     if PATHS_HAVE_ENDS && keeps_path(NONE) {
         if ray.fate == ABSORBED {

@@ -1,4 +1,4 @@
-// Tells that a surface has scattered the ray, and to which side. The normal faces the ray as it came.
+// Notes in the path that a surface has scattered the ray, and to which side. The normal faces the ray as it came.
 
 fn sample_bsdf(s: Scattering, surface: Surface) -> Lobe {
     let lobe = plain_sample_bsdf(s, surface);

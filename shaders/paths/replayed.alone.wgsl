@@ -1,4 +1,4 @@
-// No ray is split: the host is told of each ray of the list. Twin of replayed.families.wgsl.
+// No ray is split: each ray of the list makes events for the host. Twin of replayed.families.wgsl.
 
 fn is_step_replayed(ray: Ray) -> bool {
     return true;

@@ -1,5 +1,5 @@
-// Of a family, the host is told of one ray alone, and of the rays from which that ray was split. Its number stands in the
-// second half of the list. Twin of replayed.alone.wgsl.
+// Of a family, one ray makes events for the host, and so do the rays from which that ray was split. The ray's number
+// stands in the second half of the list. Twin of replayed.alone.wgsl.
 
 fn replayed_number(ray: Ray) -> u32 {
     let place = ray.index & PATH_INDEX_MASK;

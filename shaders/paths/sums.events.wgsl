@@ -1,4 +1,4 @@
-// Tells the host what happened to each ray: an event for each part of its path. Nothing is summed up. Twin of
+// Reports to the host what happened to each ray: an event for each part of its path. Nothing is summed up. Twin of
 // sums.totals.wgsl.
 
 const EVENT_PATH_STEP: u32 = 5u;

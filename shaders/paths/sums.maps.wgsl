@@ -1,5 +1,5 @@
-// Traces rays once more, now that it is known which paths matter: a map for each of some paths, and for each path where
-// its light lies on the detector. No path is added to the table. Twin of sums.totals.wgsl.
+// Maps by path, from a second trace of the same rays, when it is known which paths matter. Some paths get a map. For
+// each path is summed where its light lies on the detector. No path is added to the table. Twin of sums.totals.wgsl.
 
 // The map of the ray's path, or NONE.
 var<private> path_map: u32 = NONE;

@@ -1,13 +1,13 @@
 // The table of paths: a slot for each sequence, found by the sequence's key.
 //
-// The table has some marks, slots, and rows of sums. A slot holds the three words of a key, what is at the sequence's end,
-// and a ray that took the path. Invocations fill slots side by side, without locks. Each word of a key is
-// set once, from 0, by whoever comes first; whoever then finds another word there goes on to the next slot. All go
-// through the slots in an order that the key alone decides, so no key has two slots. No slot stays half filled: whoever
-// finds or sets a word goes on to set the next one.
+// The table has some marks, slots, and rows of sums. A slot holds the three words of a key, what is at the sequence's
+// end, and a ray that took the path. Invocations fill slots side by side, without locks. Each word of a key is set
+// once, from 0, by whoever comes first. Whoever then finds another word there goes on to the next slot. All go through
+// the slots in an order that the key alone decides, so no key has two slots. No slot stays half filled: whoever finds
+// or sets a word goes on to set the next one.
 //
-// Source: Shun and Blelloch, Phase-concurrent hash tables for determinism (SPAA 2014), section 3: a table that takes no
-// key out keeps its keys in any order of insertions.
+// A table that takes no key out keeps its keys in any order of insertions. Source: Shun and Blelloch, Phase-concurrent
+// hash tables for determinism (SPAA 2014), section 3.
 //
 // Rows of sums lie once for each of several shards. The rays of a workgroup are added to one shard, so that workgroups
 // seldom wait for each other. The host adds the shards up.
@@ -81,7 +81,7 @@ fn takes_slot(at: u32, key: vec3<u32>, is_open: bool) -> bool {
     return takes_word(at + 2u, key.z, is_open);
 }
 
-// The slot of a key, or NONE. `was_set` then tells whether this invocation made the key whole.
+// The slot of a key, or NONE. `was_set` is then true if this invocation made the key whole.
 fn find_path_slot(key: vec3<u32>, is_open: bool) -> u32 {
     let mask = path_head.slot_mask;
     let stride = key.y | 1u;
@@ -104,7 +104,8 @@ fn find_path_slot(key: vec3<u32>, is_open: bool) -> u32 {
     return found;
 }
 
-// The first word of a row of sums: that of a slot; or where a key has none, that of its end, behind those of the slots.
+// The first word of a row of sums. A key with a slot has the slot's row. A key without one has the row of its end. Rows
+// of ends lie behind the rows of slots.
 fn path_row(slot: u32, place: u32, index: u32) -> u32 {
     let num_slots = path_head.slot_mask + 1u;
     let shard = ((index & PATH_INDEX_MASK) / WORKGROUP_SIZE) & path_head.shard_mask;

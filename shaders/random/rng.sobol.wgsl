@@ -2,13 +2,13 @@
 // coordinate of the ray's point; each slot and step has a dimension of its own.
 //
 // All draws of a source lie in five dimensions of one Sobol sequence. Every further decision has a pair of dimensions.
-// The points of a pair are shuffled against those of other pairs (padding), and lie evenly over every 1024 rays.
+// The points of a pair are shuffled against the points of other pairs (padding), and lie evenly over every 1024 rays.
 //
 // Sources: Sobol, On the distribution of points in a cube (1967). Direction numbers: Joe and Kuo, Constructing Sobol
 // sequences with better two-dimensional projections (SIAM J. Sci. Comput. 30, 2008). Scrambling: Burley, Practical
 // hash-based Owen scrambling (JCGT 9(4), 2020).
 
-// The index of the ray's point, and the part of the id that tells rays with this index apart.
+// The index of the ray's point, and the part of the id in which rays with this index differ.
 alias RayKey = vec2<u32>;
 
 // Each of 2^32 rays has a point of its own. The next 2^32 rays have the same points, scrambled anew.

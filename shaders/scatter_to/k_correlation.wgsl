@@ -1,5 +1,5 @@
-// How bsdfs/k_correlation.wgsl draws a direction: with the lobe's height over its integral, of which B^2 / (pi growth) is the
-// middle, times the inverse of p where p is not 0.
+// The density with which bsdfs/k_correlation.wgsl draws a direction: the lobe's height over its integral. In the middle
+// of the lobe the density is B^2 / (pi growth), times p where p is not 0.
 
 fn toward_k_correlation(s: Scattering, surface: Surface, direction: vec3<real>) -> Toward {
     let offsets = offsets_from(s, direction);

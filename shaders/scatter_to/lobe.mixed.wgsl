@@ -1,13 +1,14 @@
-// Scatter to a target: of the rays that scatter, a share goes towards each target of the surface, and the others as its
-// BSDF draws them. A ray weighs what the BSDF's density is of the mixture's. So no expectation changes, and no weight is more
-// than 1 / (1 - sum of shares) times a plain ray's (Veach and Guibas, Optimally combining sampling techniques for Monte
-// Carlo rendering, SIGGRAPH 1995, section 3: one-sample balance heuristic). Densities are per solid angle [1/sr].
+// Scatter to a target. Of the rays that scatter, a share goes towards each target of the surface, and the BSDF draws
+// the others. A ray's weight is multiplied by the BSDF's density over the mixture's. So no expectation changes, and no
+// weight is more than 1 / (1 - sum of shares) times a plain ray's. Densities are per solid angle [1/sr]. Source: Veach
+// and Guibas, Optimally combining sampling techniques for Monte Carlo rendering (SIGGRAPH 1995), section 3: one-sample
+// balance heuristic.
 
-// The slot of the draw that chooses a target, after those of random/rng_slots.wgsl.
+// The slot of the draw that chooses a target, after the slots of random/rng_slots.wgsl.
 const SCATTER_TO: u32 = 12u;
 
-// The table of a surface's targets has these numbers for each: the kind, the share, then three vectors, of which the first
-// is a place relative to the surface's origin (model::scatter_sampling).
+// The table of a surface's targets has these numbers for each: the kind, the share, then three vectors. The first
+// vector is a place relative to the surface's origin (model::scatter_sampling).
 const TARGET_NUMBERS: u32 = 11u;
 // A cone: its axis, and 1 - cos of half its angle.
 const TARGET_CONE: real = 0.0;
@@ -34,7 +35,7 @@ fn plain_sample_bsdf(s: Scattering, surface: Surface) -> Lobe {
     } else {
         lobe.direction = drawn_towards(s, point, chosen);
     }
-    // Directions that a BSDF draws and that do not exist have no weight (bsdfs/shift_invariant.wgsl).
+    // A direction that a BSDF draws, but that does not exist, has the weight 0 (bsdfs/shift_invariant.wgsl).
     if lobe.weight == 0.0 {
         return lobe;
     }
@@ -102,8 +103,8 @@ fn target_cone(point: vec3<real>, row: u32) -> Cone {
     return cone_of_sphere(first - point, number);
 }
 
-// A direction from a point towards a target: uniform over the solid angle of a cone or a sphere, and over the area of a
-// rectangle or a disk.
+// A direction from a point towards a target. Directions are uniform over the solid angle of a cone or a sphere, and
+// over the area of a rectangle or a disk.
 fn drawn_towards(s: Scattering, point: vec3<real>, row: u32) -> vec3<real> {
     let turn = draw(s.key, BSDF_U1, s.step);
     let u = uniform_of(draw(s.key, BSDF_U2, s.step));

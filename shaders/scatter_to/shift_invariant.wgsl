@@ -20,7 +20,7 @@ fn along_surface(v: vec3<real>, normal: vec3<real>) -> vec3<real> {
     return v - dot(v, normal) * normal;
 }
 
-// The density of a direction, of those of both lobes per area of direction cosines.
+// The density of a direction per solid angle, from the densities of both lobes per area of direction cosines.
 fn shift_invariant_toward(s: Scattering, surface: Surface, direction: vec3<real>, density: vec2<real>) -> Toward {
     let through = surface.transmissive_fraction;
     let of_both = (1.0 - through) * density.x + through * density.y;

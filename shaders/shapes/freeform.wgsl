@@ -1,9 +1,9 @@
 // Freeform: z = c r^2 / (1 + sqrt(1 - (1 + K) c^2 r^2)) + the sum of c_ij T_i(x / R) T_j(y / R) within an aperture of the
 // semi-diameter R. T are Chebyshev polynomials.
 //
-// At `clip`, the buffer of tables has the aperture (geometry/clip.table.wgsl). The coefficients follow: the number of rows;
-// then, from the last row to the first, the number of coefficients of the row, and these from the last to the first
-// (model::shapes::Freeform).
+// At `clip`, the buffer of tables has the aperture (geometry/clip.table.wgsl). The number of rows of coefficients
+// follows, then the rows, from the last to the first (model::shapes::Freeform). A row has the number of its
+// coefficients, then these, from the last to the first.
 
 // `limit` is R^2, and `per_radius` is 1 / R; `axial` is (1 + K) c^2. `slope` and `bend` bound the derivatives of the sag, and
 // `magnitude` the sum of its terms' sizes.

@@ -1,8 +1,9 @@
 // Odd asphere: z = c r^2 / (1 + sqrt(1 - (1 + K) c^2 r^2)) + c1 r + c2 r^2 + ... + c10 r^10 within an aperture.
 
-// The aperture stands in the buffer of tables at `clip` (geometry/clip.table.wgsl). `limit` is the squared semi-diameter R^2, and `per_limit` its inverse; `axial` is (1 + K) c^2. `slope` and `bend` bound the
-// derivatives of the sag, and `magnitude` the sum of its terms' sizes. The coefficients are those of powers of r / R, which
-// every precision holds.
+// The aperture stands in the buffer of tables at `clip` (geometry/clip.table.wgsl). `limit` is the squared
+// semi-diameter R^2, and `per_limit` its inverse; `axial` is (1 + K) c^2. `slope` and `bend` bound the derivatives of
+// the sag, and `magnitude` the sum of its terms' sizes. The coefficients belong to powers of r / R, which every
+// precision holds.
 fn odd_asphere_distance(
     o: vec3<real>, d: vec3<real>, clip: real, limit: real, lowest: real, highest: real, slope: real, bend: real, magnitude: real,
     per_limit: real, curvature: real, axial: real, c1: real, c2: real, c3: real, c4: real, c5: real, c6: real, c7: real, c8: real, c9: real, c10: real,

@@ -1,8 +1,10 @@
-// Toroid: the profile h = c y^2 / (1 + sqrt(1 - (1 + K) c^2 y^2)) + c1 y^2 + c2 y^4 + ... + c10 y^20, turned about the line
-// z = 1 / cx, x = 0, within an aperture. With w = 1 - cx h, z = h + cx x^2 / (w + sqrt(w^2 - cx^2 x^2)).
+// Toroid: a profile h(y) within an aperture, turned about the line z = 1 / cx, x = 0. The profile is h = c y^2 / (1 +
+// sqrt(1 - (1 + K) c^2 y^2)) + c1 y^2 + c2 y^4 + ... + c10 y^20. With w = 1 - cx h, z = h + cx x^2 / (w + sqrt(w^2 -
+// cx^2 x^2)).
 
-// The aperture stands in the buffer of tables at `clip` (geometry/clip.table.wgsl). `limit` is the squared semi-diameter R^2, and `per_limit` its inverse; `axial` is (1 + K) c^2. `slope` and `bend` bound the
-// derivatives of the sag, and `magnitude` the sum of its terms' sizes. The coefficients are those of powers of y / R.
+// The aperture stands in the buffer of tables at `clip` (geometry/clip.table.wgsl). `limit` is the squared
+// semi-diameter R^2, and `per_limit` its inverse; `axial` is (1 + K) c^2. `slope` and `bend` bound the derivatives of
+// the sag, and `magnitude` the sum of its terms' sizes. The coefficients belong to powers of y / R.
 fn toroidal_distance(
     o: vec3<real>, d: vec3<real>, clip: real, limit: real, lowest: real, highest: real, slope: real, bend: real, magnitude: real,
     per_limit: real, curvature_x: real, curvature: real, axial: real,

@@ -25,8 +25,8 @@ fn aimed_at(key: RayKey, e: Source, pupil: vec3<real>) -> LocalRay {
     return aimed;
 }
 
-// A polynomial of x and y: the number of rows; then, from the highest power of x to the lowest, the number of coefficients,
-// and these from the highest power of y to the lowest.
+// A polynomial of x and y. The number of rows comes first, then the rows, from the highest power of x to the lowest. A
+// row has the number of its coefficients, then these, from the highest power of y to the lowest.
 fn polynomial_at(first: u32, p: vec3<real>) -> real {
     var sum = real(0.0);
     var at = first + 1u;

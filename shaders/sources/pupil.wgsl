@@ -1,5 +1,5 @@
-// A lens' entrance pupil, filled uniformly. p0, p1 = semi-axes of the beam at z = 0 [mm]. p2, p3, p4 = vector of the chief
-// ray. p5, p6 = what the rim of the pupil adds to the vector along x and y. p7 = where the tables of aimed rays begin.
+// A lens' entrance pupil, filled uniformly. p0, p1 = semi-axes of the beam at z = 0 [mm]. p2, p3, p4 = vector of the
+// chief ray. The rim of the pupil adds p5, p6 to that vector along x and y. Tables of aimed rays begin at p7.
 
 fn emit_pupil(key: RayKey, e: Source) -> LocalRay {
     let pupil = disk_point(key, 1.0);

@@ -1,8 +1,8 @@
 // Rays of a file. p0 = where the table begins (model::sources::rays).
 //
-// The wavelength comes first. Of its rays one is drawn by its share of the light: an even draw takes a row, and a second draw takes
-// that row or the row beside which it stands (A. J. Walker, ACM Transactions on Mathematical Software 3, 253, 1977: alias tables).
-// So draws are independent of each other, and all rays weigh the same.
+// The wavelength comes first. Then one of its rays is drawn by its share of the light. An even draw takes a row, and a
+// second draw takes that row or the row that it names. So draws are independent of each other, and all rays weigh the
+// same. Source: A. J. Walker, ACM Transactions on Mathematical Software 3, 253 (1977): alias tables.
 
 // Numbers of a ray: the share of the draws of its row that stay there, the row that has the others, position and direction.
 const FILE_RAY_NUMBERS: u32 = 8u;

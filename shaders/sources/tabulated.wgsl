@@ -1,5 +1,5 @@
-// A lamp, whose directions follow a table of intensities. p0, p1 = width and height of the rectangle where rays are born [mm];
-// p2 = radius of the disk [mm]; all are 0 for a point. p3 = where the table begins.
+// A lamp, whose directions follow a table of intensities. Rays are born on a rectangle of the width p0 and the height
+// p1, or on a disk of the radius p2 [mm]. All three are 0 for a point. The table begins at p3.
 //
 // The inverse of the distribution is exact (optics/polar_table.wgsl), so all rays weigh the same.
 

@@ -1,4 +1,4 @@
-// Counts of what a dispatch hands on: rays in the queues, and rows for the host. The last word tells whether loops were
+// Counts of what a dispatch hands on: rays in the queues, and rows for the host. The last word is not 0 if loops were
 // cut short (rounds.many.wgsl).
 
 struct QueueCounts {

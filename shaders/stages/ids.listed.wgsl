@@ -1,6 +1,5 @@
-// The rays of a dispatch are those of a list of ids (low word, high word), such as rays that failed a guard of the hot
-// path.
-// Twin of ids.range.wgsl.
+// Takes the rays of a dispatch from a list of ids (low word, high word). Rays that failed a guard of the hot path stand
+// in such a list. Twin of ids.range.wgsl.
 @group(GROUP_SCENE) @binding(BINDING_LISTED_IDS) var<storage, read> listed_ids: array<vec2<u32>>;
 
 fn key_of(index: u32) -> RayKey {

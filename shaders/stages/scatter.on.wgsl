@@ -2,7 +2,7 @@
 // BSDF. `sample_bsdf` is composed for the kinds of the scene, each in its own file under bsdfs/. Twin of
 // scatter.none.wgsl and scatter.to.wgsl.
 
-// The surface has no BSDF. The other codes are those of model::BsdfKind.
+// The surface has no BSDF. model::BsdfKind has the other codes.
 const SMOOTH: u32 = 0u;
 
 // The input of a BSDF. A mirror scatters the incident ray. A refractive surface scatters the ray that Fresnel's branch

@@ -1,7 +1,7 @@
-// Stage scatter where some rays go towards targets (scatter_to/lobe.wgsl): a BSDF is then also asked where the ray is. Twin
-// of scatter.on.wgsl.
+// Stage scatter where some rays go towards targets (scatter_to/lobe.mixed.wgsl): a BSDF is then also asked where the
+// ray is. Twin of scatter.on.wgsl.
 
-// The surface has no BSDF. The other codes are those of model::BsdfKind.
+// The surface has no BSDF. model::BsdfKind has the other codes.
 const SMOOTH: u32 = 0u;
 
 // The input of a BSDF. A mirror scatters the incident ray. A refractive surface scatters the ray that Fresnel's branch

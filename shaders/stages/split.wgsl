@@ -140,7 +140,7 @@ fn lesser_weight(weight: real, share: real, bits: u32, steps: Steps) -> real {
     return (whole + select(real(0.0), real(1.0), below(bits, exact - whole))) * steps.size;
 }
 
-// The transmitted ray. Its number is that of its parent with the bit of this event set.
+// The transmitted ray. The child has its parent's number, with the bit of this event set.
 fn plain_child(parent: Ray, weight: real) -> Ray {
     var ray = parent;
     ray.weight = weight;

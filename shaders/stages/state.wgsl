@@ -93,9 +93,9 @@ struct Range {
 
 var<private> range: Range;
 
-// Always true, in a way that compilers cannot see: no dispatch has IMPOSSIBLE_COUNT rays. IMPOSSIBLE_COUNT differs with the width of
-// the driver's vectors. A driver may keep compiled shaders without noting their width (Mesa 22.3), and the number tells
-// them apart.
+// Always true, in a way that compilers cannot see: no dispatch has IMPOSSIBLE_COUNT rays. IMPOSSIBLE_COUNT differs with
+// the width of the driver's vectors. A driver may keep compiled shaders without noting their width (Mesa 22.3). The
+// number makes shaders of different widths differ.
 fn always_true() -> bool {
     return range.count != IMPOSSIBLE_COUNT;
 }

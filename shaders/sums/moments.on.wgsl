@@ -2,7 +2,7 @@
 // adds. Twin of moments.none.wgsl.
 //
 // A ray that adds v to a cell to which it added u before changes its square by v (v + 2 u). Where a ray can meet a
-// detector twice, sums/visits.on.wgsl knows u. Cells of squares lie SQUARES_OFFSET after those of the sums. Both hold
+// detector twice, sums/visits.on.wgsl knows u. A cell of squares lies SQUARES_OFFSET after its cell of sums. Both hold
 // units of 2^-52.
 
 // Squares of this size and more are also summed in CELL_LARGE_SQUARES, in units 2^31 times larger. While that sum is

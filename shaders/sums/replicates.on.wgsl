@@ -4,7 +4,7 @@
 // A ray's lowest bits choose its scramble, so that any range of rays has its share of each scramble. Source: Owen,
 // Randomly permuted (t,m,s)-nets and (t,s)-sequences (1995).
 
-// The key of a ray. The bits above the lowest are the index of the ray's point, and what tells ids apart beyond the
+// The key of a ray. The bits above the lowest are the index of the ray's point, and the part of the id beyond the
 // index. Ids have 63 bits, so the highest bits of the key are free for the scramble.
 fn key_of_id(id_lo: u32, id_hi: u32) -> RayKey {
     let replicate = id_lo & ((1u << REPLICATE_BITS) - 1u);

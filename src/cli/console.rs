@@ -29,7 +29,8 @@ pub(crate) fn ended(printed: String, failure: Option<Error>) -> Result<String> {
     Err(failure)
 }
 
-/// Writes a message to stderr, fit for a terminal; it is no part of the result. Without stderr, it cannot be told.
+/// Writes a message to stderr, fit for a terminal; it is no part of the result. A failure to write is ignored, because
+/// there is no other place for the message.
 pub fn say(text: &str) {
     let _ = writeln!(std::io::stderr(), "{}", for_terminal(text));
 }

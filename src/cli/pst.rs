@@ -123,7 +123,7 @@ pub fn run(args: &Args) -> Result<String> {
         .0
         .iter()
         .flat_map(|&azimuth| args.angles.0.iter().map(move |&angle| Direction { angle, azimuth }));
-    // Rounds end when all their rays are done; the error of a direction is that of its rounds.
+    // Rounds end when all their rays are done. The error of a direction comes from its rounds.
     let of_round = TraceArgs { target_error: None, ..args.trace.clone() };
     let pst = Pst {
         scene: &scene,

@@ -205,7 +205,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     ended(printed, unsaved.or(unwritten).or_else(|| failure(result)))
 }
 
-/// True if a path is that of a file of one of these names in a folder.
+/// True if a path leads to a file of one of these names in a folder.
 fn is_one_of(path: &Path, dir: &Path, names: &[String]) -> bool {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let is_there =

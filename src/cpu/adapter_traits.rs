@@ -8,16 +8,16 @@ use crate::program::TEXELS_PER_LINE;
 /// What suits an adapter.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct AdapterTraits {
-    /// How many processors the adapter is; none if it is no processor.
+    /// How many processors the adapter is. `None` for a GPU.
     pub processors: Option<u32>,
     /// The host should add up where rays end: on a processor, an atomic costs each emulated lane ten times a store.
     pub deferred_splats: bool,
     /// Tables of at most so many bytes are better read from a uniform buffer than from a storage buffer. Processors read
     /// uniforms, by words, without a check of every lane; GPUs read storage faster where invocations diverge.
     pub uniform_bytes: u32,
-    /// Tables of at most so many bytes are better read from an image than from a buffer, where invocations read different
-    /// rows: lavapipe reads a texel as a whole, and the words of a buffer lane by lane. Other processors' drivers were not
-    /// tried.
+    /// Tables of at most so many bytes are better read from an image than from a buffer, where invocations read
+    /// different rows. Lavapipe reads a texel as a whole, and the words of a buffer lane by lane. Other processors'
+    /// drivers were not tried.
     pub texel_bytes: u64,
 }
 

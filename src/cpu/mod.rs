@@ -1,8 +1,8 @@
-//! An addition to the plain loop: all that is done otherwise on adapters that are processors.
+//! An addition to the plain loop: what pays on adapters that are processors.
 //!
-//! An atomic is dear on a processor, and its memory is the host's: so rays log where they end, and the host adds up
-//! ([`mod@log`]). Most rays of many scenes take one path: so a stage of its own follows that hot path without a loop. Rays
-//! that fail one of its guards fall back on the plain stages ([`path`]).
+//! On a processor an atomic is slow, and the device's memory is the host's. So rays log where they end, and the host
+//! adds up ([`mod@log`]). Most rays of many scenes take one path. So a stage of its own follows that hot path without a
+//! loop. Rays that fail a guard of the stage fall back on the plain stages ([`path`]).
 
 pub mod log;
 pub mod overrides;
@@ -36,15 +36,15 @@ use crate::result::Tally;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Rays of a dispatch where they log their ends: the log stays in a processor's caches, and dispatches are long against what
-/// each costs.
+/// Rays of a dispatch where rays log their ends. The log then stays in a processor's caches, and a dispatch is long
+/// against the cost of its start.
 const DEFAULT_LOGGED_BATCH: u32 = 1 << 17;
-/// The same where they log positions alone, or with weights, which are mostly few words a ray.
+/// The same where rays log positions, alone or with weights. These are mostly few words a ray.
 const DEFAULT_POSITIONS_BATCH: u32 = 1 << 18;
 /// Most rays that an invocation follows one after the other.
 const MOST_RAYS_PER_INVOCATION: u64 = 8;
 
-/// How adapters trace that are processors.
+/// How adapters that are processors trace.
 pub(crate) struct Cpu {
     traits: AdapterTraits,
     overrides: CpuOverrides,
@@ -56,13 +56,13 @@ pub(crate) struct Cpu {
     ids: Option<wgpu::Buffer>,
 }
 
-/// The stages that follow paths, by their numbers: that of the hot path, then those of side traces.
+/// The stages that follow paths, by their numbers: the stage of the hot path, then the stages of side traces.
 const HOT_PATH: usize = 0;
 const FIRST_SIDE_TRACE: usize = 1;
 
 impl Cpu {
-    /// What pays on an adapter; none where the plain loop does all, unless something is asked for. The stages of paths have
-    /// the scene's numbers compiled in.
+    /// What pays on an adapter. `None` where the plain loop does all, unless something is asked for. The stages of
+    /// paths have the scene's numbers compiled in.
     pub(crate) fn for_adapter(gpu: &Gpu, options: &TraceOptions, overrides: &CpuOverrides) -> Option<Self> {
         if options.live {
             return None;
@@ -99,9 +99,10 @@ impl Cpu {
     fn dispatch(&mut self, engine: &mut Engine, range: &RayRange, rays: Rays) -> Result<()> {
         let route = self.route(&engine.plan.program, &rays);
         if self.traits.processors.is_some() {
-            // A driver may try at a stage's first dispatch what compiling it for the numbers of one range would save. Lavapipe
-            // (Mesa 22.3) takes a shader that grew for one that shrank, and then compiles it anew for every range; one that
-            // begins at ray 0 makes none grow. So the first dispatch is such a one, of no workgroups.
+            // At a stage's first dispatch a driver may try what compiling it for the numbers of one range would save.
+            // Lavapipe (Mesa 22.3) takes a shader that grew for one that shrank, and then compiles it anew for every
+            // range. No shader grows for a range that begins at ray 0. So the first dispatch begins there, and has no
+            // workgroups.
             engine.prime(route, range)?;
         }
         let start = Instant::now();
@@ -119,7 +120,8 @@ impl Cpu {
             }
         }
         if let Some(logs) = &mut self.logs {
-            // Before the engine takes the times of stages: to take them waits for the dispatch, whose own time begins here.
+            // Asked before the engine takes the times of stages. To take these waits for the dispatch, whose own time
+            // begins here.
             let is_timed = route.added.is_none() && !submitted.is_first && !asks;
             logs.submitted(*range, rays, submitted.index, is_timed)?;
             let times = logs.take_times();
@@ -137,7 +139,7 @@ impl Cpu {
         Ok(())
     }
 
-    /// So few rays an invocation that a dispatch has several workgroups for each processor.
+    /// Most rays of an invocation: so few that a dispatch has several workgroups for each processor.
     fn most_rays_per_invocation(&self, options: &TraceOptions) -> u32 {
         let Some(processors) = self.traits.processors else { return 1 };
         let dispatch_rays = options.num_rays.min(options.batch_size.unwrap_or(DEFAULT_LOGGED_BATCH).into());
@@ -147,7 +149,7 @@ impl Cpu {
     }
 }
 
-/// A stage for each path. Those of side traces are compiled when they are first needed.
+/// A stage for each path. The stages of side traces are compiled when they are first needed.
 fn path_stages(program: &Program) -> Vec<AddedStage> {
     let added = CpuShader::of_program(program);
     let main = added.hot_path.iter().map(|_| AddedStage {
@@ -164,8 +166,8 @@ fn path_stages(program: &Program) -> Vec<AddedStage> {
 }
 
 impl Cpu {
-    /// For each stage of a path: how many rays of this trace were traced along the path, and how many of them were
-    /// rejected.
+    /// For each stage of a path: how many rays of this trace were traced along the path, and how many of these failed a
+    /// guard.
     pub(crate) fn num_along_paths(&self) -> Vec<[u64; 2]> {
         let counts = |logs: &LogBuffers| {
             std::iter::once(logs.num_followed_and_failed()).chain(logs.num_along_sides()).collect()
@@ -252,13 +254,13 @@ impl Addition for Cpu {
         let Some(logs) = &mut self.logs else { return Ok(()) };
         logs.discard();
         if engine.undrained.counts > 0 {
-            // What was added up before the failure goes nowhere.
+            // What was added up before the failure is dropped.
             logs.take(&engine.plan.program.cells)?;
         }
         Ok(())
     }
 
-    /// Those of the hot path take so little time that they are always a batch.
+    /// Dispatches along the hot path take so little time that each is a whole batch.
     fn range_rays(&self, engine: &Engine) -> Option<u32> {
         let follows_path = CpuShader::of_program(&engine.plan.program).hot_path.is_some()
             && self.path_pays(&engine.plan.program);

@@ -4,7 +4,7 @@
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 
-/// When something is done that no result depends on.
+/// When something is done that changes no result.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Override {
     /// Done where it pays.
@@ -37,19 +37,20 @@ impl Override {
 pub struct CpuOverrides {
     /// The host adds up where rays end, instead of atomics on the device.
     pub deferred_splats: Override,
-    /// The path that most rays take has a stage of its own, and rays that fail its guards are traced again. It pays in long traces
-    /// in which the host adds up.
+    /// The path that most rays take has a stage of its own, and rays that fail its guards are traced again. The stage
+    /// pays in long traces in which the host adds up.
     pub hot_path: Override,
-    /// Rays that fail a guard of the hot path follow side traces: all of them, none, or those whose stages pay for as many rays as are
-    /// to be traced or, where that is not known, have been.
+    /// Rays that fail a guard of the hot path follow side traces: all of these, none, or those whose stages pay.
+    /// Whether a stage pays follows from the rays to be traced or, where that number is not known, from the rays traced
+    /// so far.
     pub side_traces: Override,
-    /// Invocations follow two rays of the hot path at a time, where they can. It pays on processors, whose instructions would
-    /// wait for each other.
+    /// Invocations follow two rays of the hot path at a time, where they can. Pairs pay on processors, whose
+    /// instructions would wait for each other.
     pub side_by_side: Override,
-    /// Most rays that an invocation follows one after the other, where it may follow several; where not given, several on a
-    /// processor, as long as it has workgroups enough.
+    /// Most rays that an invocation follows one after the other, where it may follow several. By default several on a
+    /// processor, as long as there are workgroups enough.
     pub rays_per_invocation: Option<u32>,
-    /// Trees of at most so many bytes lie in images; where not given, on a processor, as large as its images.
+    /// Trees of at most so many bytes lie in images. By default, on a processor, all trees that its images can hold.
     pub texel_bytes: Option<u64>,
 }
 

@@ -17,7 +17,7 @@ pub struct CpuRequest {
     pub side_by_side: bool,
     /// The path that most rays take, for a stage of its own.
     pub hot_path: Option<ProfiledPath>,
-    /// Those that most of the others take, the most frequent first, for stages of their own.
+    /// The paths that most other rays take, the most frequent first, for stages of their own.
     pub side_traces: Vec<ProfiledPath>,
 }
 
@@ -28,11 +28,11 @@ pub struct CpuShader {
     pub deposit_log: Option<DepositLog>,
     /// The hot path, if it has a stage of its own; the other stages then trace the rays that fail its guards.
     pub hot_path: Option<HotPath>,
-    /// What that stage logs, where positions tell all, alone or with weights.
+    /// What that stage logs, where positions alone or with weights are enough.
     pub path_log: Option<PathLog>,
-    /// The paths that `trace_side_a` and so on follow, which log as it does.
+    /// The paths that `trace_side_a` and so on follow. Side traces log as the hot path does.
     pub side_traces: Vec<SideTrace>,
-    /// Media take little from the rays of all these paths on each of their ways.
+    /// Media take little from the rays of all these paths on each leg.
     pub(crate) media_absorb_weakly: bool,
     /// An invocation follows two rays of the hot path.
     pub(crate) has_pairs: bool,
@@ -41,7 +41,7 @@ pub struct CpuShader {
 }
 
 impl CpuShader {
-    /// What is added to a scene of what is wanted.
+    /// What is added for a scene, of all that is asked for.
     pub fn of(scene: &ProgramInput, request: &CpuRequest) -> Self {
         let ProgramInput { ir, options, features, cells, contacts, .. } = scene;
         let log = DepositLog::of(ir, features, cells, options, scene.constant_weights);
@@ -65,7 +65,7 @@ impl CpuShader {
         );
         CpuShader {
             media_absorb_weakly: is_weak && side_traces.iter().all(|side| side.media_absorb_weakly),
-            // Where rays leave nothing but what they log, and have no triangles to remember.
+            // Where rays leave only what they log, and have no triangles to remember.
             has_pairs: request.side_by_side
                 && path_log.as_ref().is_some_and(|log| log.tells_all)
                 && !features.has_meshes(),
@@ -99,9 +99,9 @@ impl CpuShader {
     }
 }
 
-/// Rays that an invocation follows along a path one after the other. Their bins then go to memory once for all of them. It is
-/// one where the path takes nothing from its rays, or their weights report what it takes: a loop would cost more than it
-/// spares. It is one, too, where a single ray already has long loops.
+/// Rays that an invocation follows along a path one after the other. Their bins then go to memory once for all of them.
+/// One ray, where the path takes nothing from its rays, or their weights report what the path takes. A loop would then
+/// cost more than it saves. One ray, too, where a single ray already has long loops.
 fn rays_per_invocation(scene: &ProgramInput, log: Option<&PathLog>) -> u32 {
     let [.., gaussian] = scene.features.splats;
     let deposits_nothing =

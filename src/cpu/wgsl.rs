@@ -1,5 +1,4 @@
-//! The WGSL that the CPU backend adds to the module of a scene: the deposit log, and the stages of the hot path and of
-//! the side traces.
+//! The WGSL that the CPU backend adds to the module of a scene: the deposit log, and the stages of paths.
 
 use crate::cpu::log::format::EntryFormat;
 use crate::cpu::path::compose::Stages;

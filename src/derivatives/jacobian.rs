@@ -1,9 +1,9 @@
-//! Derivatives by parameters: from scenes in which one number is a little larger or smaller to the tangents of all numbers that
-//! a program reads.
+//! The parameter Jacobian: how all numbers that a program reads change with a parameter of the user. The Jacobian is
+//! found by differences of scenes in which one parameter is a little larger or smaller.
 //!
-//! A thickness moves a face, an edge and a volume. So the program's numbers are functions of the user's, and their
-//! derivatives are taken where the program is packed: by differences of six scenes, or seven on one side, which are exact to about 1e-12. Shaders
-//! know nothing of parameters.
+//! A thickness moves a face, an edge and a volume. So the program's numbers are functions of the user's. Derivatives by
+//! parameters are taken where the program is packed, and shaders know nothing of parameters. A difference takes six
+//! scenes, or seven on one side, and is exact to about 1e-12.
 
 use crate::engine::budget::distribute;
 use crate::engine::options::TraceOptions;
@@ -18,15 +18,15 @@ use crate::program::{Program, ProgramOptions};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// The numbers that a program reads, by binding; those of sources apart, one after the other.
+/// The numbers that a program reads, by binding. The numbers of sources stand apart, one source after the other.
 pub(crate) struct ProgramNumbers {
     pub(crate) buffers: Vec<(u32, Vec<f64>)>,
     pub(crate) sources: Vec<Vec<f64>>,
 }
 
 impl ProgramNumbers {
-    /// Those of a scene, composed as another program is. `first` is the module of the traced scene's text: scenes of one shape
-    /// have the same text, because their numbers are live. None if this one's text is another.
+    /// The numbers of a scene, composed as another program is. `first` is the module of the traced scene's text. Scenes
+    /// of one shape have the same text, because their numbers are live. `None` if this scene's text is another.
     fn of(
         ir: &SceneIr,
         options: &TraceOptions,

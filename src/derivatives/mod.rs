@@ -26,7 +26,8 @@ use std::sync::Arc;
 /// Most rays that an invocation walks back, one after the other, before it writes sums of adjoints. The number does not depend on
 /// the adapter, because the bits of the sums depend on it.
 const MOST_RAYS_WALKED_BACK: u64 = 64;
-/// Rounds of loops that an invocation is to make at most on its ways forward and back. Where a ray is lost, all are walked twice.
+/// Rounds of loops that an invocation is to make at most on its ways forward and back. Where one ray is lost, all rays
+/// are walked twice.
 const MOST_ROUNDS_WALKED_BACK: u64 = 1 << 14;
 
 /// The addition.
@@ -48,7 +49,7 @@ impl Derivatives {
         }
     }
 
-    /// The number of tangents beside each real; none in reverse mode.
+    /// The number of tangents beside each real: 0 in reverse mode.
     fn num_tangents(&self) -> u32 {
         match self {
             Derivatives::Tangents(tangents) => tangents.num(),
@@ -66,7 +67,7 @@ impl ProgramAddition for Derivatives {
         // The trace of the light has counted them already.
         options.counts_wrong_sides = false;
         match self {
-            // The copies of cells are those of tangents.
+            // The copies of cells hold tangents.
             Derivatives::Tangents(_) => options.moments = SecondMoments::None,
             Derivatives::Adjoints => {
                 options.fixed_rays_per_invocation = Some(rays_walked_back(features, options));

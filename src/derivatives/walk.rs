@@ -1,4 +1,4 @@
-//! Walks the rays of a trace back, from adjoints of the detectors' cells to those of the scene's numbers
+//! Walks the rays of a trace back, from adjoints of the detectors' cells to adjoints of the scene's numbers
 //! ([`crate::program::rewrite::transpose`]).
 
 use crate::derivatives::Derivatives;
@@ -47,7 +47,7 @@ pub(crate) struct Walked {
     pub(crate) numbers: Vec<f64>,
     /// The sum of all deposits, each times the adjoint of its cell.
     pub(crate) noted: f64,
-    /// Rays whose adjoints are no numbers: they are missing.
+    /// Rays whose adjoints are not finite. These rays are missing in the sums.
     pub(crate) num_lost: u64,
 }
 

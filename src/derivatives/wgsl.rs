@@ -1,5 +1,5 @@
-//! Composes what derivatives need beside the plain text (shaders/derivatives): functions that take the place of the loop's,
-//! and the step from a hit to where the surface has moved.
+//! Composes what derivatives need beside the plain text (shaders/derivatives). Some functions take the place of the
+//! loop's. Another is the step from a hit to where the surface has moved.
 
 use crate::error::{Error, Result};
 use crate::model::primitives::primitives;
@@ -25,7 +25,7 @@ const MOST_DEPOSITS: f64 = (1_u64 << 23) as f64;
 /// How a scene's shader is differentiated.
 #[derive(Debug)]
 pub(super) struct DerivativeShader {
-    /// Tangents beside each real; none if rays are walked back.
+    /// Tangents beside each real: 0 if rays are walked back.
     num_tangents: u32,
     /// How rays choose between reflection and refraction, where surfaces refract.
     branch: Option<ShaderFile>,
@@ -95,8 +95,8 @@ impl ShaderAddition for DerivativeShader {
 }
 
 impl Composition<'_> {
-    /// How far a hit is from the surface, along the ray and to first order: zero but for its derivative. The quadrics of a
-    /// scene are chosen from by the number of what was hit; other shapes have functions of their own.
+    /// How far a hit is from the surface, along the ray and to first order: zero but for its derivative. The number of
+    /// what was hit chooses a quadric. Other shapes have functions of their own.
     fn crossing_step(&self) -> Result<String> {
         let primitives = primitives(self.ir);
         let quadric = |shape: &Shape| shape.quadric().unwrap_or(Quadric::PLANE);

@@ -1,9 +1,9 @@
 //! The one seam of the plain loop: what may be added to a trace.
 //!
-//! The loop holds a list of additions, asks each of them in the order of the methods below, and knows none by name. A
-//! method that is not overridden adds nothing, so a capability is a type with the few methods that it needs, in a room of
-//! its own. Its half in the program is [`ProgramAddition`]: slots, text, cells. What pays on an adapter changes no bit of
-//! a result; another addition changes what it is asked to change, such as a filter of light.
+//! The loop holds a list of additions, asks each of them in the order of the methods below, and knows none by name. By
+//! default each method leaves the trace as it is. So a capability is a type with the few methods that it needs, in a
+//! room of its own. Its half in the program is [`ProgramAddition`]: slots, text, cells. The CPU backend saves time, and
+//! changes no bit of a result. Another addition changes what a user asks for, such as a filter of light.
 
 use crate::engine::Engine;
 use crate::engine::limits::DispatchLimits;

@@ -51,8 +51,8 @@ pub(crate) fn part(budget_rays: Vec<SourceRays>, options: &TraceOptions) -> Resu
 /// the rest is shared by flux. The largest remainders round up first; of equal remainders the larger flux, then the
 /// first source.
 ///
-/// The rays are shared by `shares` instead of the sources' own fluxes, where these are given \[W\]: two scenes of the same
-/// shares launch the same rays.
+/// Where `shares` are given \[W\], the rays are shared by these instead of the sources' own fluxes. So two scenes of
+/// the same shares launch the same rays.
 pub(crate) fn distribute(ir: &SceneIr, num_rays: u64, shares: Option<&[f64]>) -> Result<Vec<SourceRays>> {
     let fluxes: Vec<f64> = ir.sources.iter().map(|e| e.total_flux).collect();
     let total: f64 = fluxes.iter().sum();

@@ -6,8 +6,8 @@ use std::time::Duration;
 
 /// How long a pass should keep the device. A desktop then stays usable, and no watchdog fires.
 pub(crate) const PASS_TIME: Duration = Duration::from_millis(40);
-/// Events that a first dispatch may make, before any dispatch was timed: those of the largest batch at the default
-/// depth, ends included.
+/// Events that a first dispatch may make, before any dispatch was timed: as many as the largest batch has at the
+/// default depth, including ends.
 const FIRST_EVENTS: u64 = DEFAULT_BATCH as u64 * 17;
 /// The factor by which a dispatch may exceed the one before: rays of one scene differ in cost.
 const GROWTH: f64 = 4.0;

@@ -13,7 +13,7 @@ use std::sync::Arc;
 /// Most rows that a table of paths may be asked to have.
 pub const MOST_PATH_ROWS: u32 = 1 << 22;
 
-/// Most rows of the table of paths, unless told.
+/// Most rows of the table of paths, by default.
 pub const DEFAULT_PATH_ROWS: u32 = 1 << 18;
 
 /// Options of a trace, with Optiland's defaults.

@@ -19,7 +19,7 @@ impl Engine<'_> {
         let dispatch = u64::from(range_rays);
         let wanted = (rays as f64 * ratio.min(4.0)) as u64;
         let most = MAX_COUNTS_PER_PASS / counts_unasked(&self.plan.program);
-        // Rows for the host are fetched once a pass, and the buffer holds those of one dispatch.
+        // Rows for the host are fetched once a pass, and the buffer holds the rows of one dispatch.
         let limit = if self.device.keeps_rows() { dispatch } else { most.max(dispatch) };
         wanted.clamp(1, limit).next_multiple_of(dispatch).min(limit.max(dispatch))
     }

@@ -25,7 +25,7 @@ struct Shader {
 /// Where the shaders of a trace come from.
 #[derive(Clone, Copy, Default)]
 pub struct Shaders<'s> {
-    /// Compiled shaders of earlier traces, to which those of this one are added.
+    /// Compiled shaders of earlier traces. The shaders of this trace are added.
     pub cache: Option<&'s PipelineCache>,
     /// Changes the composed text, and keeps nothing: for tests that must notice a wrong shader.
     pub edit: Option<&'s dyn Fn(String) -> String>,
@@ -64,7 +64,7 @@ impl Shaders<'_> {
 /// Most shaders that a cache keeps.
 const MOST_SHADERS: usize = 32;
 /// Most bytes of their texts. Parsed and compiled, a shader takes up to a hundred times the memory of its text on
-/// lavapipe; so a cache takes some 500 MB at most.
+/// lavapipe. So a cache takes some 500 MB at most.
 const MOST_BYTES: usize = 5 << 20;
 
 impl PipelineCache {

@@ -1,7 +1,8 @@
 //! Traces rays of a trace again, beside it: one set-up and one loop for all that asks the same rays another question.
 //!
-//! A second trace has a program of its own, whose draws and decisions are those of the first, because draws are keyed by
-//! ray ids. Light by its path takes one for its maps and one to learn sequences, and derivatives walk rays back.
+//! A second trace has a program of its own. The program repeats the draws and decisions of the first trace, because
+//! draws are keyed by ray ids. Light by its path takes one for its maps and one to learn sequences, and derivatives
+//! walk rays back.
 
 use crate::engine::addition::Additions;
 use crate::engine::device::DeviceState;
@@ -43,7 +44,7 @@ impl Retrace {
         Ok(Retrace { plan, additions, stages, extra })
     }
 
-    /// The program on a device, with these bindings beside those of its additions.
+    /// The program on a device, with these bindings beside the bindings of its additions.
     pub(crate) fn open(&self, gpu: &Gpu, extra: ExtraBindings) -> Result<DeviceState> {
         let extra = self.extra.clone().with(extra);
         DeviceState::new(gpu, &self.plan.program, self.plan.batch, self.stages.clone(), &extra)

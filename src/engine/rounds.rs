@@ -1,8 +1,9 @@
-//! How many rounds follow the rays that live on, so that a depth that no ray reaches costs nothing.
+//! How many rounds follow the rays that live on. Rounds end with the last ray, so a depth limit costs only as much as
+//! rays use of it.
 //!
 //! The first stage follows new rays through their first events, and queues the survivors. Each round follows those
-//! through as many events again. Few rounds are submitted at once with the first stage. Where more are allowed, the host
-//! asks the device how many rays are left, and submits rounds in groups for as long as there are any.
+//! through as many events again. Few rounds are submitted at once with the first stage. Where more are allowed, the
+//! host asks the device how many rays are left. The host submits rounds in groups for as long as rays are left.
 
 use std::ops::Range;
 use std::time::Duration;

@@ -39,7 +39,7 @@ impl ExtraBindings {
         ExtraBindings { groups: vec![bindings.into_iter().collect()], stages: Vec::new() }
     }
 
-    /// Together with those of another addition: each group of one has the bindings of each group of the other.
+    /// Together with the bindings of another addition: each group of one has the bindings of each group of the other.
     pub(crate) fn with(self, other: ExtraBindings) -> Self {
         let both = |one: &Vec<(u32, wgpu::Buffer)>| {
             let one = one.clone();

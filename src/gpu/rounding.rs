@@ -1,5 +1,5 @@
-//! How an adapter rounds quotients and square roots. Vulkan lets a quotient of f32 be 2.5 units of the last place off,
-//! so strict arithmetic gives the same bits on two adapters only where both round to the nearest number.
+//! How an adapter rounds quotients and square roots. Vulkan lets a quotient of f32 be 2.5 units of the last place off.
+//! So strict arithmetic gives the same bits on two adapters only where both round to the nearest number.
 
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;

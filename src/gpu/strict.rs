@@ -74,11 +74,11 @@ fn binding_map(bindings: &[Binding]) -> spv::BindingMap {
 }
 
 impl Gpu {
-    /// Compiles an entry point and what it uses, without fused or reordered operations. The bindings are those of the
-    /// layouts.
+    /// Compiles an entry point and what it uses, without fused or reordered operations. The layouts have the same
+    /// bindings.
     ///
     /// Only what is used is compiled, because a driver may go through all functions that it is given. Mesa takes half a
-    /// second for those of a dozen stages, again for each stage.
+    /// second for the functions of a dozen stages, again for each stage.
     ///
     /// # Errors
     /// [`Error::Usage`] where the device takes no SPIR-V, [`Error::Internal`] if the module is invalid.
@@ -113,8 +113,8 @@ impl Gpu {
             spirv: Some(without_contraction(&words).into()),
             ..Default::default()
         };
-        // SAFETY: naga has validated the module and written it, and decorations change no meaning. The bindings are
-        // those of the layouts, and indices and loops are bounded as in `Gpu::shader`.
+        // SAFETY: naga has validated the module and written it, and decorations change no meaning. The layouts have the
+        // same bindings, and indices and loops are bounded as in `Gpu::shader`.
         #[allow(unsafe_code)]
         Ok(unsafe { self.device.create_shader_module_passthrough(descriptor) })
     }

@@ -1,8 +1,9 @@
 //! Learns a guide from tables of paths, so that the first rows of a table get equal relative errors.
 //!
-//! A row that plain rays bring too seldom is to be drawn on purpose, by the sequences of its light. How often each sequence is to be
-//! drawn follows from how many of its rays arrive. Probabilities at faces then follow from the tree of all sequences:
-//! a ray reflects with the share of those that reflect there, among those that have come as it did.
+//! A row that plain rays bring too seldom is to be drawn on purpose, by the sequences of its light. How often each
+//! sequence is to be drawn follows from how many of its rays arrive. Probabilities at faces then follow from the tree
+//! of all sequences. Of the sequences that have come as the ray has, some reflect next: the ray reflects with their
+//! share.
 
 use crate::error::Result;
 use crate::model::guide::{Choice, Guide, NO_NODE, PLAIN, PLAIN_SHARE, fits};
@@ -22,7 +23,7 @@ pub struct Wanted {
     pub filter: Option<Arc<PathFilter>>,
     /// What a row is.
     pub group: Grouping,
-    /// So many rows, those of most flux, are to have equal relative errors.
+    /// So many rows, the ones of most flux, are to have equal relative errors.
     pub top: usize,
 }
 
@@ -59,8 +60,8 @@ pub(super) const MOST_EXPLORED: usize = 4;
 const FACES_AT_FIRST: usize = 12;
 /// Most sequences that a guide follows.
 const MOST_TARGETS: usize = 1 << 12;
-/// The share of guided rays for rows beyond the first: a ray that came to one of them by chance alone would weigh as much as
-/// its path is rare.
+/// The share of guided rays for rows beyond the first. Without this share a ray would come to such a row by chance
+/// alone, and weigh as much as its path is rare.
 const SHARE_OF_OTHERS: f64 = 0.2;
 /// Rows of so much of the flux of the last of the first rows are taken to be among them.
 const NEARLY_FIRST: f64 = 0.8;
@@ -73,7 +74,7 @@ const LEAST_ARRIVING: f64 = 1e-3;
 /// table of paths.
 ///
 /// # Errors
-/// Those of `pilot`.
+/// The errors of `pilot`.
 pub fn learn(
     ir: &SceneIr,
     wanted: &Wanted,
@@ -108,7 +109,7 @@ pub fn learn(
     Ok(Learned { guide, num_rays: learned, num_rows })
 }
 
-/// How many refractive faces a ray passes that is not turned; none where there is no such ray.
+/// How many refractive faces a ray passes that does not turn. `None` if every ray turns.
 fn passes(ir: &SceneIr, sums: &PathTally) -> Option<f64> {
     let straight =
         sums.rows.iter().filter(|(sequence, _)| sequence.reflections() + sequence.scatterings() == 0);
@@ -144,7 +145,7 @@ struct Measured {
     arriving: f64,
 }
 
-/// The rows of all that is known, those of most flux first: sequences, and what is known of them.
+/// The rows of all that is known, by falling flux: sequences, and what is known of each.
 fn rows<'k>(
     ir: &SceneIr,
     tally: &Tally,
@@ -224,7 +225,7 @@ struct Row<'a> {
     plain: f64,
 }
 
-/// How often each sequence of some rows is to be tried: those of the first rows, and the others.
+/// How often each sequence of some rows is to be tried: first the sequences of the first rows, then the others.
 fn targets<'a>(mut rows: Vec<Vec<(&'a Sequence, Measured)>>, num_first: usize) -> Vec<Target<'a>> {
     let others = rows.split_off(num_first);
     let of_others = if others.is_empty() { 0.0 } else { SHARE_OF_OTHERS };
@@ -244,7 +245,7 @@ enum Aim {
     ByFlux,
 }
 
-/// Shares guided rays among rows, of which those of most flux come first.
+/// Shares guided rays among rows, which come by falling flux.
 ///
 /// A row of sequences with fluxes F, of which shares s arrive, has the smallest variance if sequences are tried in
 /// proportion to F / sqrt(s). The rays that it needs for an effective ray are then (sum of F / sqrt(s))^2 / (sum of F)^2.
@@ -336,7 +337,7 @@ struct Node {
 }
 
 impl Tree {
-    /// A tree of no sequences: the node that does not guide, and those of the sources.
+    /// A tree without sequences: the node that does not guide, and the nodes of the sources.
     fn new(ir: &SceneIr) -> Self {
         let nodes = (0..=ir.sources.len()).map(|_| Node::default()).collect();
         Tree { nodes, num_targets: 0 }

@@ -7,8 +7,8 @@ use crate::program::wgsl::composition::Composition;
 use crate::program::wgsl::text::Text;
 use crate::shaders::{ShaderFile, shader};
 
-/// Words of a ray's path: its node, how much likelier the guide made the path, and with a filter the share of light that followed
-/// it where the filter left one branch.
+/// Words of a ray's path: its node, and how much likelier the guide made the path. With a filter, a third word is the
+/// share of light that followed where the filter left one branch.
 pub fn num_path_words(is_filtered: bool) -> usize {
     if is_filtered { 3 } else { 2 }
 }

@@ -93,8 +93,9 @@ const Z_BAR: [f64; 401] = [
     0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
 ];
 
-/// The colour-matching functions x, y and z at a wavelength \[um\]: CIE 015:2018, table 6, as `optiland.colorimetry` 0.6.3 has it;
-/// linear between whole nanometres, 0 outside 380 to 780 nm. The second one is the luminous efficiency.
+/// The colour-matching functions x, y and z at a wavelength \[um\]: CIE 015:2018, table 6, as `optiland.colorimetry`
+/// 0.6.3 has it. The functions are linear between whole nanometres, and 0 outside 380 to 780 nm. The second one is the
+/// luminous efficiency.
 pub fn matching_functions(wavelength: f64) -> [f64; 3] {
     [of_table(&X_BAR, wavelength), luminous_efficiency(wavelength), of_table(&Z_BAR, wavelength)]
 }

@@ -14,8 +14,8 @@ pub fn of_scene(ir: &SceneIr) -> u32 {
     passing_all(ir, 2)
 }
 
-/// The same where rays are guided to ghosts: a ray that the last face reflects, and then the first, passes all faces three
-/// times, and some go back once more.
+/// The same where rays are guided to ghosts. A ray that the last face reflects, and then the first, passes all faces
+/// three times. Some rays go back once more.
 pub fn of_ghosts(ir: &SceneIr) -> u32 {
     passing_all(ir, 4)
 }

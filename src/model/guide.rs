@@ -1,7 +1,7 @@
 //! The table by which rays are guided: with which probability a ray reflects at a face, by what it did so far.
 //!
-//! What a ray did is a node of a tree: each reflection and each scattering leads from a node to a node below it, and
-//! passing through a face leads nowhere. A ray whose node has no way for what happened to it is guided no longer.
+//! What a ray did is a node of a tree. Each reflection and each scattering leads from a node to a node below it.
+//! Passing through a face leads nowhere. A ray whose node has no way for what happened to it is guided no longer.
 
 use crate::error::{Error, Result};
 use crate::model::SceneIr;
@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::path::Path;
 
-/// The share of rays that choose their branches as if there were no guide. So no weight is more than its inverse times
-/// that of a plain ray, and no path is drawn less than this often.
+/// The share of rays that choose their branches as if there were no guide. So a weight is at most a plain ray's weight
+/// over this share. Each path is drawn at least this often, compared with plain rays.
 pub const PLAIN_SHARE: f64 = 0.25;
 
 /// The node of rays that are not guided.
@@ -35,17 +35,17 @@ pub struct Guide {
     nsq_gpu_guide: u32,
     /// The names of the faces.
     faces: Vec<String>,
-    /// The names of the sources: node 1 + i is that of new rays of source i.
+    /// The names of the sources. Node 1 + i is the node of new rays of source i.
     sources: Vec<String>,
-    /// For each node, for each face: the probability of a reflection in units of 2^-32, then the nodes after a reflection, after
-    /// scattering through, and after scattering back.
+    /// Four words for each node and each face: the probability of a reflection in units of 2^-32, then three nodes.
+    /// These are the nodes after a reflection, after scattering through, and after scattering back.
     words: Vec<u32>,
 }
 
 /// What a node asks for at a face.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Choice {
-    /// The probability of a reflection; none: that of the face.
+    /// The probability of a reflection. `None`: the face's own.
     pub reflect: Option<f64>,
     /// The nodes after a reflection, after scattering through, and after scattering back.
     pub next: [u32; 3],
@@ -60,8 +60,8 @@ pub fn fits(num_nodes: usize, ir: &SceneIr) -> bool {
 }
 
 impl Guide {
-    /// The guide of a scene that has these choices, node by node and face by face. The first node guides nowhere, and those of
-    /// the sources follow.
+    /// The guide of a scene that has these choices, node by node and face by face. The first node guides nowhere, and
+    /// the nodes of the sources follow.
     pub fn new(ir: &SceneIr, choices: impl IntoIterator<Item = Choice>) -> Self {
         let words = choices.into_iter().flat_map(|Choice { reflect, next: [reflected, through, back] }| {
             // A probability of 1 is one unit less.

@@ -1,9 +1,9 @@
 //! The scene as the tracer sees it: flat surfaces, media, sources and detectors, with Optiland's names for each kind.
 //!
-//! Lengths are in mm, wavelengths in um, flux in W, angles in rad. A [`Frame`] maps local to global coordinates;
-//! the origin of the global frame is where the user put it (the program re-centres the scene later, in f64).
-//! Everything that depends on the wavelength is a table over [`SceneIr::wavelengths`], because a source's spectrum
-//! is a list of discrete wavelengths.
+//! Lengths are in mm, wavelengths in um, flux in W, angles in rad. A [`Frame`] maps local to global coordinates. The
+//! origin of the global frame is where the user put it; the program re-centres the scene later, in f64. Everything that
+//! depends on the wavelength is a table over [`SceneIr::wavelengths`], because a source's spectrum is a list of
+//! discrete wavelengths.
 
 pub mod bsdfs;
 pub(crate) mod checks;
@@ -74,7 +74,7 @@ pub struct SceneIr {
     pub detectors: Vec<Detector>,
     /// How rare branches are sampled.
     pub sampling: Sampling,
-    /// How scattering is drawn on purpose, surface by surface; nothing where none is.
+    /// How scattering is drawn on purpose, surface by surface. Empty where scattering is drawn by BSDFs alone.
     pub scatter_sampling: Vec<ScatterSampling>,
     /// What shaders must allow for beyond what the scene shows.
     pub allowed: Allowance,

@@ -2,7 +2,7 @@
 //!
 //! `reflections == 2 and not scattered(mount)` keeps the ghosts of two reflections that the mount did not scatter. The
 //! expression is decided where light is deposited, by what happened up to there. A shader decides by a few words of
-//! state that each event changes (program::wgsl::paths); [`PathFilter::keeps`] decides by a whole sequence.
+//! state that each event changes (`paths::wgsl`); [`PathFilter::keeps`] decides by a whole sequence.
 
 use crate::model::sequence::{End, Sequence, StepKind};
 

@@ -1,5 +1,5 @@
-//! A function over the polar angle and the azimuth about an axis, as a table, and how directions are drawn by it: the intensity
-//! of a lamp, a measured BSDF about the specular direction.
+//! Tables over the polar angle and the azimuth about an axis, by which directions are drawn. Examples are the intensity
+//! of a lamp, and a measured BSDF about the specular direction.
 //!
 //! Between the angles of the table the function is linear in each of them. Beyond the polar angles it is 0.
 //!
@@ -99,8 +99,8 @@ fn flux_within(sine: f64, cosine: f64, m: f64, b: f64, s: f64) -> f64 {
     m * (sine * of_cosine + cosine * of_sine) + b * (sine * with_cosine + cosine * with_sine)
 }
 
-/// Distances from a pole between rising ones that lie far apart: sin(theta) then grows little within an interval, and Newton's
-/// method converges in a few steps.
+/// Distances from a pole between rising ones that lie far apart. With them sin(theta) grows little within an interval,
+/// and Newton's method converges in a few steps.
 fn nearer_to_pole(rising: impl Iterator<Item = f64>) -> Vec<f64> {
     /// How much farther the end of an interval may be from the pole than its beginning.
     const MOST_FARTHER: f64 = 3.0;
@@ -153,9 +153,9 @@ impl PolarTable {
         self.rows.iter().map(|row| row[next - 1] * (1.0 - part) + row[next] * part).collect()
     }
 
-    /// The table of shaders/optics/polar_table.wgsl, for a flux of 1: numbers of knots and of azimuths; shares of the flux
-    /// below each knot; their angles; for each knot the angle to the next one, its sine, cosine and total; azimuths; for each knot its
-    /// values and then their sums.
+    /// The table of shaders/optics/polar_table.wgsl, for a flux of 1. The numbers of knots and of azimuths come first.
+    /// Then come the shares of the flux below each knot, and the knots' angles. Each knot then has the angle to the
+    /// next one, its sine, cosine and total. Azimuths follow. Last, each knot has its values and then their sums.
     pub(crate) fn numbers(&self) -> Vec<f64> {
         let knots = self.knots();
         let fluxes: Vec<f64> = knots.windows(2).map(|pair| pair[0].flux_to(&pair[1])).collect();
@@ -192,7 +192,8 @@ mod tests {
         PolarTable { polar: polar.to_vec(), azimuth, rows }
     }
 
-    /// 1 cd in all directions is 4 pi lm; a hat over a right angle has pi^2 - 2 pi of its peak, of which 4 come from its rim.
+    /// 1 cd in all directions is 4 pi lm. A hat over a right angle has pi^2 - 2 pi of its peak, of which 4 come from
+    /// its rim.
     #[test]
     fn the_flux_is_the_integral_of_the_table() {
         let even = table(&[0.0, PI], vec![vec![1.0, 1.0]; 2]).flux();

@@ -88,7 +88,7 @@ pub const DEFAULT_SHARE: f64 = 0.5;
 /// Most targets of a surface.
 const MOST_TARGETS: usize = 64;
 
-/// Numbers of a target in the table of shaders/scatter_to/lobe.wgsl.
+/// Numbers of a target in the table of shaders/scatter_to/lobe.mixed.wgsl.
 const NUMBERS: usize = 11;
 
 /// Why something that was asked for cannot be.
@@ -106,8 +106,8 @@ fn refusal<T>(key: &str, problem: String, remedy: impl Into<String>) -> Result<T
     Err(Refusal { key: key.into(), problem, remedy: remedy.into() })
 }
 
-/// How scattering is drawn at each surface of a scene: with probabilities of the surfaces of a name, or of all, and towards
-/// targets. Nothing where nothing is asked for.
+/// How scattering is drawn at each surface of a scene: with probabilities of the surfaces of a name, or of all, and
+/// towards targets. Empty if the scene asks for no such draws.
 ///
 /// # Errors
 /// [`Refusal`] with the first that makes no sense in the scene.
@@ -179,14 +179,14 @@ pub fn set(ir: &mut SceneIr, sampling: Vec<ScatterSampling>) {
     ir.scatter_sampling = sampling;
 }
 
-/// The largest sum of the shares of one surface: no weight is more than a thousand times that of a plain ray.
+/// The largest sum of the shares of one surface. A weight is then at most a thousand times a plain ray's weight.
 const HIGHEST_SUM: f64 = 0.999;
 
 fn scatter_of(ir: &SceneIr, surface: usize) -> Option<&Scatter> {
     ir.surfaces[surface].scatter.as_ref()
 }
 
-/// The surfaces of a name that scatter. A name without `*` must be that of a surface that scatters.
+/// The surfaces of a name that scatter. A name without `*` must be the name of a surface that scatters.
 fn surfaces(ir: &SceneIr, name: &str, key: &str, may_be_none: bool) -> Result<Vec<usize>, Refusal> {
     let all: Vec<usize> =
         (0..ir.surfaces.len()).filter(|&surface| matches(name, &ir.surface_name(surface))).collect();

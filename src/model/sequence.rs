@@ -171,8 +171,8 @@ impl End {
         }
     }
 
-    /// True if a ray comes to the end by one sequence at most: only where rays are split or pass a detector do more lead
-    /// there.
+    /// True if a ray comes to the end by one sequence at most. Several lead there only where rays are split or pass a
+    /// detector.
     pub(crate) fn is_exclusive(self, ir: &SceneIr) -> bool {
         !splits(ir) && self.detector().is_none_or(|number| ir.detectors[number].absorb)
     }
@@ -261,8 +261,8 @@ mod tests {
         assert!(ends.iter().all(|end| Step::of_code(end.code()).is_none()));
     }
 
-    /// Sequences of light that is reflected to and fro are much alike. Any two words of the keys of 2^20 of them are all
-    /// unlike, and each word alone has no more doubles than chance gives: 2^40 / 2^33 = 128.
+    /// Sequences of light that is reflected to and fro are much alike. For 2^20 of them, any two words of the keys are
+    /// all unlike. Each word alone has only as many doubles as chance gives: 2^40 / 2^33 = 128.
     #[test]
     fn keys_of_like_sequences_are_unlike() {
         let sequences = (0..1 << 20).map(|bits: u32| {

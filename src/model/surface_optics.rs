@@ -34,8 +34,8 @@ pub fn lossy_mirrors(ir: &SceneIr) -> impl Iterator<Item = u32> + '_ {
     (0..).zip(&ir.surfaces).filter(move |(_, surface)| lossy(surface)).map(|(i, _)| i)
 }
 
-/// The least share of its weight, above none, that a ray keeps at a mirror or a simple coating: roulette leaves a weight of none
-/// alone.
+/// The least share of its weight, above 0, that a ray keeps at a mirror or a simple coating. A share of 0 does not
+/// count, because roulette leaves a weight of 0 alone.
 pub fn least_share(ir: &SceneIr) -> f64 {
     let at = |surface: &Surface, wavelength: usize| match &surface.interaction {
         Interaction::Reflective { .. } => reflectance(surface, wavelength),

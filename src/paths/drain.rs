@@ -3,8 +3,8 @@
 //! A full table is made larger, and the rays since its last reading are traced once more. Their other sums are right,
 //! and stay.
 //!
-//! Where a trace has more sequences than its table may have rows, a pilot of the first 2^20 rays decides which of them
-//! have rows: those of most flux. The table is then closed, so that it takes no other keys.
+//! A trace may have more sequences than its table may have rows. A pilot of the first 2^20 rays then decides which
+//! sequences have rows: the ones of most flux. The table is then closed, so that it takes no other keys.
 
 use crate::engine::Engine;
 use crate::engine::budget::distribute;
@@ -139,8 +139,9 @@ impl PathHashTable {
         Ok(())
     }
 
-    /// The sequences that have rows where there are more of them: those of most flux among the first rays of the whole
-    /// trace. The choice depends on the scene and the draws alone. The table is used for it, and must have been read.
+    /// The sequences that have rows, where a trace has more sequences than rows. The sequences of most flux among the
+    /// first rays of the whole trace have rows. The choice depends on the scene and the draws alone. The table is used
+    /// for it, and must have been read.
     fn choose(&mut self, engine: &Engine) -> Result<Vec<Sequence>> {
         self.resize(self.most_slots);
         self.clear(None)?;
@@ -209,8 +210,8 @@ impl<F: FnMut(&mut PathHashTable, Reading) -> Result<()>> Retracing for Again<'_
     }
 }
 
-/// The first rays of the whole trace: of each source its share. Those of a single source do not depend on how many rays
-/// are traced.
+/// The first rays of the whole trace: of each source its share. The pilot's rays of a single source do not depend on
+/// how many rays are traced.
 fn pilot_rays(ir: &SceneIr, plan: &TracePlan) -> Result<Vec<RaySpan>> {
     if plan.rays.len() == 1 {
         return Ok(vec![RaySpan { first: 0, count: PILOT_RAYS, source: 0 }]);

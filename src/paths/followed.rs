@@ -48,7 +48,7 @@ impl FollowedPaths {
         is_followed.then(|| FollowedPaths::new(sums, filter).guided(is_guided))
     }
 
-    /// The same as the additions of a second trace, with the guide of the first; none if it follows no paths.
+    /// The same as the additions of a second trace, with the guide of the first. Empty if paths are not followed.
     pub(crate) fn additions(options: &TraceOptions) -> Additions {
         let followed = FollowedPaths::of(options).map(Additions::one).unwrap_or_default();
         match Guided::of(options) {

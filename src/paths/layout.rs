@@ -22,7 +22,7 @@ const MOST_SHARDS: u32 = 16;
 /// What the rows of a scene's table are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PathTableLayout {
-    /// Ends of paths: rows behind those of the slots.
+    /// Ends of paths: rows behind the rows of slots.
     pub num_ends: u32,
     /// Words of a row.
     pub row_words: u32,

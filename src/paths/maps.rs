@@ -1,5 +1,5 @@
-//! Traces rays a second time, now that it is known which paths matter: a map for each of some rows, and where the light
-//! of each sequence lies (shaders/paths/sums.maps.wgsl).
+//! Traces rays a second time, when it is known which paths matter (shaders/paths/sums.maps.wgsl). Some rows of the
+//! table get a map each. Where the light of each sequence lies is summed, too.
 
 use crate::engine::device::DeviceState;
 use crate::engine::dispatch_size::{DispatchSize, PASS_TIME};
@@ -48,9 +48,10 @@ pub struct WantedMaps<'a> {
 /// What the second trace found.
 #[derive(Debug)]
 pub struct PathMaps {
-    /// The detectors' sums: those of map i are the i-th part of each detector's [`crate::result::DetectorTally::replicates`].
+    /// The detectors' sums. The sums of map i are the i-th part of each detector's
+    /// [`crate::result::DetectorTally::replicates`].
     pub tally: Tally,
-    /// Per watched sequence, where its light lies; none of any if that is not known.
+    /// Per watched sequence, where its light lies. Empty if that is not known.
     pub places: Vec<Places>,
     /// False if the caller ended the trace before its last ray.
     pub is_whole: bool,

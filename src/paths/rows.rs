@@ -34,7 +34,7 @@ pub struct TableOptions {
     pub num_maps: usize,
     /// Rays were guided: rows have what that was worth.
     pub is_guided: bool,
-    /// Coatings of faces that the rows have in the place of those of the trace.
+    /// Coatings of faces that the rows have in the place of the trace's.
     pub recoating: Recoating,
 }
 
@@ -98,7 +98,7 @@ pub fn detector_of(
     Ok(Detector { few_rays: row.few_rays, title: Some(row.title()), ..found })
 }
 
-/// The rows that are listed: those of one detector, or all.
+/// The rows that are listed: the rows of one detector, or all.
 pub(crate) fn listed<'a>(
     ir: &SceneIr,
     tally: &Tally,
@@ -148,7 +148,7 @@ pub fn table_with_maps(
     let mut peaks: Vec<Option<f64>> = Vec::new();
     let mut places: HashMap<&Sequence, Places> = HashMap::new();
     let mut is_whole = true;
-    // At least one trace, which tells where the light of all rows lies.
+    // At least one trace, which finds where the light of all rows lies.
     for first in (0..num_maps.max(1)).step_by(per_trace) {
         if !keep_going() {
             is_whole = false;
@@ -174,7 +174,7 @@ pub fn table_with_maps(
         let PathMaps { tally: second, places: of_watched, is_whole: is_done } =
             trace_maps(gpu, ir, trace, &wanted, None, &mut keep_going)?;
         if !is_done {
-            // Maps of some of the rays would pass for those of all.
+            // Maps of some of the rays would pass for maps of all.
             is_whole = false;
             break;
         }
@@ -249,7 +249,7 @@ fn map_of(ir: &SceneIr, second: &Tally, number: usize, map: usize) -> PathMap {
     PathMap { detector: number, sums }
 }
 
-/// The irradiance of the brightest pixel \[W/mm^2\]; none where the detector has no pixels.
+/// The irradiance of the brightest pixel \[W/mm^2\]. `None` if the detector has no pixels.
 fn peak_irradiance(ir: &SceneIr, map: &PathMap, unit: FluxUnit) -> Option<f64> {
     let kind = &ir.detectors[map.detector].kind;
     let grid = kind.grid()?;

@@ -198,7 +198,7 @@ impl PathHashTable {
     }
 }
 
-/// Most deposits of one launched ray that a table of paths tells apart. A ray that detectors let pass may make one at
+/// Most deposits of one launched ray that a table of paths keeps apart. A ray that detectors let pass may make one at
 /// each of its events.
 fn deposits_per_ray(program: &Program) -> u64 {
     match program.features.transmissive || program.splitting.is_some() {

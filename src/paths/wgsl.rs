@@ -113,7 +113,7 @@ impl PathShader {
         self.is_guided && self.filter.is_some()
     }
 
-    /// The files that paths need, beside those of slots.
+    /// The files that paths need, beside the files of slots.
     fn files(&self, composition: &Composition) -> Vec<ShaderFile> {
         let sums = match self.sums {
             PathSums::None => shader!("paths/sums.none.wgsl"),

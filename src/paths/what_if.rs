@@ -67,7 +67,7 @@ fn as_traced<'a>(
     listed(ir, tally, sums, flux_unit(ir, tally, trace.num_rays), sampler, &options)
 }
 
-/// The row of the highest peak among those of ghosts. Rows are sorted, and groups have the sequences of rows.
+/// The row of the highest peak among ghosts. Rows are sorted, and groups have the sequences of rows.
 fn brightest<'a>(traced: &Traced, groups: &[Group<'a>]) -> Option<BrightestGhost<'a>> {
     let rows = traced.table.paths.iter().zip(&traced.sequences);
     let ghosts = rows.filter(|(row, _)| row.reflections as usize >= GHOST_REFLECTIONS);

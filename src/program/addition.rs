@@ -8,9 +8,10 @@
 //!     gives a ShaderAddition   its WGSL for one scene: files in slots, text, an entry point
 //! ```
 //!
-//! Lists of them are `engine::addition::Additions` and [`ShaderAdditions`], which each program keeps. Options are changed
-//! in this order: `Addition::specialise`, which knows the device; [`ProgramAddition::prepare`], which knows the features;
-//! then the program is composed, and `Addition::pack` adds buffers to it.
+//! Lists of them are `engine::addition::Additions` and [`ShaderAdditions`], which each program keeps. Options are
+//! changed in this order. First comes `Addition::specialise`, which knows the device. Then comes
+//! [`ProgramAddition::prepare`], which knows the features. Then the program is composed, and `Addition::pack` adds
+//! buffers to it.
 //!
 //! The plain program is complete without additions, and traces every scene. An addition may take the place of the file
 //! of a slot ([`crate::program::wgsl::variants`]), and may add constants, functions and entry points. The composition
@@ -86,7 +87,7 @@ pub trait ShaderAddition: Debug + Any + Send + Sync {
         None
     }
 
-    /// Most rows for the host that one launched ray makes beside those of the plain loop.
+    /// Most rows for the host that one launched ray makes, beside the rows of the plain loop.
     fn rows_per_ray(&self, max_depth: u32) -> u64 {
         let _ = max_depth;
         0
@@ -187,7 +188,7 @@ impl ShaderAdditions {
         }
     }
 
-    /// Most rows for the host that one launched ray makes beside those of the plain loop.
+    /// Most rows for the host that one launched ray makes, beside the rows of the plain loop.
     pub fn rows_per_ray(&self, max_depth: u32) -> u64 {
         self.all().map(|addition| addition.rows_per_ray(max_depth)).sum()
     }

@@ -11,7 +11,7 @@ pub const DETECTOR: u32 = 3;
 /// It ends, by one of the fates below.
 pub const DEATH: u32 = 4;
 
-/// A part of a path, told for the table of paths (shaders/paths/sums.told.wgsl).
+/// A part of a path, reported for the table of paths (shaders/paths/sums.events.wgsl).
 pub const PATH_STEP: u32 = 5;
 /// The end of such a path.
 pub const PATH_END: u32 = 6;

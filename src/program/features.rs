@@ -71,8 +71,8 @@ pub(crate) fn has_unit_gradients(ir: &SceneIr) -> bool {
 }
 
 impl Features {
-    /// Derives the features of a scene whose sources' rays are born with these weights, with roulette below
-    /// `roulette_threshold` (both in units of the mean weight of a new ray), and with at most `max_depth` events a ray.
+    /// Derives the features of a scene. The rays of its sources are born with `weights`, and roulette plays below
+    /// `roulette_threshold`. Both are in units of the mean weight of a new ray. A ray has at most `max_depth` events.
     pub fn of(ir: &SceneIr, weights: &[f64], roulette_threshold: f64, max_depth: u32) -> Self {
         let lowest_birth_weight = weights.iter().copied().fold(f64::INFINITY, f64::min);
         let primitives = primitives(ir);

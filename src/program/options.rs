@@ -8,10 +8,11 @@ use crate::program::layout::row_table::RowTable;
 use crate::program::layout::tables;
 use glam::DVec3;
 
-/// Up to so many primitives the scene is compiled in; above, it lies in tables, and a tree finds the nearest. On lavapipe
-/// (Zen 3, both ways in turns) lenses in a row, whose boxes most rays cross, are traced as fast by the tree from some 45
-/// primitives on in f32 and 25 to 40 in f64, mirrors scattered off the axis from 18 and 14 on. Shaders that have 32
-/// primitives compiled in take two to three times as long to compile.
+/// Up to so many primitives the scene is compiled in; above, it lies in tables, and a tree finds the nearest. Measured
+/// on lavapipe (Zen 3, both ways in turns). Most rays cross the boxes of lenses in a row. There the tree is as fast
+/// from some 45 primitives on in f32, and from 25 to 40 in f64. For mirrors scattered off the axis the tree is as fast
+/// from 18 (f32) and 14 (f64) on. Shaders that have 32 primitives compiled in take two to three times as long to
+/// compile.
 pub const MAX_BAKED_PRIMITIVES: usize = 24;
 /// Up to so many detectors stand apart from the tree.
 const MAX_DETECTORS_APART: usize = 8;
@@ -65,7 +66,7 @@ pub struct ProgramOptions {
     pub weights: Vec<f64>,
     /// What the draws are.
     pub sampler: Sampler,
-    /// What is summed so that results tell their errors.
+    /// What is summed so that results have standard errors.
     pub moments: SecondMoments,
     /// Sums are bound in parts of at most so many bytes.
     pub part_bytes: u64,
@@ -81,7 +82,7 @@ pub struct ProgramOptions {
     pub counts_wrong_sides: bool,
 }
 
-/// What the device sums beside the first moments, so that results tell their errors.
+/// What the device sums beside the first moments, so that results have standard errors.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum SecondMoments {
     /// Nothing.
@@ -99,16 +100,16 @@ impl ProgramOptions {
         self.events_per_dispatch < self.max_depth
     }
 
-    /// The primitives, more than one, that are searched by a tree; none if it is none. Few detectors stand apart and are
-    /// compiled in: most rays end on one of them.
+    /// The primitives, more than one, that are searched by a tree. Empty without a tree. Few detectors stand apart and
+    /// are compiled in: most rays end on one of them.
     pub fn tree_primitives(&self, ir: &SceneIr) -> std::ops::Range<usize> {
         let (surfaces, detectors) = (ir.surfaces.len(), ir.detectors.len());
         let num = if detectors <= MAX_DETECTORS_APART { surfaces } else { surfaces + detectors };
         if self.tree && !self.baked && num > 1 { 0..num } else { 0..0 }
     }
 
-    /// So many primitives, the first of all, are looked up in a table where the scene is not compiled in: all that do not
-    /// stand apart from the tree.
+    /// How many primitives, the first of all, are looked up in a table where the scene is not compiled in. Only
+    /// primitives that stand apart from the tree are missing.
     pub fn num_in_table(&self, ir: &SceneIr) -> usize {
         match self.tree_primitives(ir).end {
             0 => ir.surfaces.len() + ir.detectors.len(),
@@ -148,15 +149,15 @@ impl ProgramOptions {
         self.baked && (!self.live || self.copies_numbers)
     }
 
-    /// True if media are compiled in, where shaders read them: few rows are sooner chosen from than read from a table in
-    /// which each lane has its own.
+    /// True if media are compiled in, where shaders read them. To choose from few rows is faster than to read a table
+    /// in which each lane has its own row.
     pub fn bakes_media(&self, ir: &SceneIr) -> bool {
         const MOST_CHOSEN: usize = 16;
         self.bakes_records() && ir.media.len() * ir.wavelengths.len() <= MOST_CHOSEN
     }
 
-    /// True if the loops of an invocation may make more rounds than some driver allows (shaders/cpu/rounds.many.wgsl): not if
-    /// there are those over its events alone, and few of these.
+    /// True if the loops of an invocation may make more rounds than some driver allows (shaders/cpu/rounds.many.wgsl).
+    /// False if an invocation only loops over its events, and events are few.
     pub fn has_many_rounds(&self, features: &Features) -> bool {
         let [.., gaussian] = features.splats;
         features.splits
@@ -168,9 +169,9 @@ impl ProgramOptions {
             || self.has_long_loops
     }
 
-    /// Rays that an invocation of trace_new follows, one after the other: the atomics of its bins then cost little. One where
-    /// rays outlive a dispatch, and where the loops of many could make too many rounds; so one, too, where an invocation
-    /// remembers a ray's visits (shaders/sums/visits.on.wgsl).
+    /// Rays that an invocation of trace_new follows, one after the other. The atomics of its bins then cost little. An
+    /// invocation follows one ray where rays outlive a dispatch, and where the loops of many could make too many
+    /// rounds. The same holds where an invocation remembers a ray's visits (shaders/sums/visits.on.wgsl).
     pub fn rays_per_invocation(&self, features: &Features) -> u32 {
         if let Some(fixed) = self.fixed_rays_per_invocation {
             return fixed;

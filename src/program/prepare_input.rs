@@ -39,7 +39,7 @@ impl<'a> ProgramInput<'a> {
             SecondMoments::Replicates => cells.with_replicates(ray_id::NUM_REPLICATES)?,
         };
         let has_tree = !options.tree_primitives(ir).is_empty();
-        // Of meshes that no surface has nothing is searched.
+        // Only meshes of a surface are searched.
         let meshes = if features.has_meshes() { &ir.meshes[..] } else { &[] };
         let mut forest = bvh::Forest::of_roots(meshes.len() + usize::from(has_tree));
         let triangles = mesh::Triangles::of(meshes, &mut forest);
@@ -54,7 +54,7 @@ impl<'a> ProgramInput<'a> {
             tree.records = options.records_in_texels(ir, centre, tree.primitives(), &places, num_others);
             tree
         });
-        // Squares are sums that no count tells.
+        // Squares are sums that do not follow from counts.
         let constant_weights = !additions.iter().any(|addition| addition.sums_weights())
             && features.whole_weights
             && options.moments != SecondMoments::Squares

@@ -1,7 +1,7 @@
 //! Which coatings matter most: how much the flux of the ghosts changes with the reflectance of each face.
 //!
-//! A ghost is a path of at least two reflections. A ghost of flux F that a face reflects k times and lets pass m times has
-//! dF/dR = F (k/R - m/T): T falls as R rises, with the absorption held.
+//! A ghost is a path of at least two reflections. Take a ghost of flux F that a face reflects k times and lets pass m
+//! times. With the absorption held, T falls as R rises, so dF/dR = F (k/R - m/T).
 
 use crate::format::{listed, plain, shown, significant, thousands};
 use crate::model::{Interaction, SceneIr, Sequence, StepKind};
@@ -148,7 +148,7 @@ fn sum_of_slopes(
 ) -> (Option<f64>, Option<f64>) {
     let slope = |ghost: &Ghost| recoating.slope(ghost.sequence, surface, constants);
     let derivative = ghosts.all.iter().map(|ghost| slope(ghost) * ghost.flux).sum();
-    // Where the error of one ghost is not known, that of the sum is not either.
+    // The error of the sum is known only where the error of each ghost is.
     let errors = ghosts.all.iter().map(|ghost| Some((slope(ghost) * ghost.standard_error?).abs()));
     let errors: Option<Vec<f64>> = errors.collect();
     let joint = |errors: Vec<f64>| match ghosts.are_exclusive {

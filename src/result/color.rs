@@ -1,8 +1,8 @@
 //! The colour of what detectors saw, with errors.
 //!
-//! X, Y and Z are sums of the light of each wavelength, weighted by the observer's colour-matching functions; Y is the photometric
-//! map. A ray keeps its wavelength for life, so that the variances of X, Y and Z and of their sums are as exact as those of watts.
-//! Covariances follow from the sums: 2 cov(X, Y) = var(X + Y) - var(X) - var(Y).
+//! X, Y and Z are sums of the light of each wavelength, weighted by the observer's colour-matching functions. Y is the
+//! photometric map. A ray keeps its wavelength for life. So the variances of X, Y and Z and of their sums are as exact
+//! as variances of watts. Covariances follow from the sums: 2 cov(X, Y) = var(X + Y) - var(X) - var(Y).
 
 use crate::error::Result;
 use crate::result::npz::ArrayWriter;
@@ -106,7 +106,7 @@ impl Color {
         file.add_optional("covariance_XYZ", &self.covariance)
     }
 
-    /// Units of the arrays in that file, where those of the map are these.
+    /// Units of the arrays in that file, for a map in this unit.
     pub(crate) fn units(unit: &'static str) -> [(&'static str, &'static str); 5] {
         let squared = if unit == "cd" { "cd^2" } else { "lx^2" };
         [("X", unit), ("Y", unit), ("Z", unit), ("standard_error_XYZ", unit), ("covariance_XYZ", squared)]
@@ -155,8 +155,8 @@ impl Chromaticity {
 mod tests {
     use super::*;
 
-    /// Standard illuminant E is at x = y = 1/3, u' = 4/19, v' = 9/19. Errors of light in proportion have no chromaticity; those of X
-    /// alone follow by differences.
+    /// Standard illuminant E is at x = y = 1/3, u' = 4/19, v' = 9/19. Errors of light in proportion have no
+    /// chromaticity. Errors of X alone follow by differences.
     #[test]
     fn chromaticity_and_its_errors() {
         let white = Chromaticity::of([2.0; 3], Some([[0.01; 3]; 3])).unwrap();

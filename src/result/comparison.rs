@@ -243,7 +243,7 @@ fn total_flux(detector: &Detector) -> f64 {
     detector.data.result().recorded_flux().unwrap_or(detector.total_flux)
 }
 
-/// That of rays of equal weight.
+/// The standard error of rays of equal weight.
 fn error_from_hits(flux: f64, hits: u64) -> f64 {
     flux / (hits.max(1) as f64).sqrt()
 }
@@ -385,7 +385,7 @@ mod tests {
 
     #[test]
     fn a_side_without_hits_has_the_error_of_those_that_are_expected() {
-        // A ray in 33, so that 2 hits are expected: none is no wonder, and nothing to compare by.
+        // A ray in 33, so that 2 hits are expected. To see none is likely, and too little to compare by.
         let (score, is_compared) = score_and_is_compared([estimate(0, 0.0, 33.0), estimate(66, 1.0, 1.0)]);
         assert!(!is_compared && score.abs() < 2.0, "{score}");
         // As many rays: none is one.

@@ -63,7 +63,7 @@ impl Detector {
         Detector::new(&Sums { detector, cells, rows: None, unit, uncertainty, wavelengths })
     }
 
-    /// Standard error of `total_flux` relative to it; `None` if there is no flux or no error.
+    /// Standard error of `total_flux` relative to it. `None` if flux or error is missing.
     pub fn total_flux_relative_error(&self) -> Option<f64> {
         self.total_flux_standard_error.filter(|_| self.total_flux > 0.0).map(|error| error / self.total_flux)
     }

@@ -272,7 +272,7 @@ fn unlit(result: &TraceResult) -> Option<String> {
     })
 }
 
-/// Sources that no ray was left for. A lone source has all rays, and a part of a trace may have none of a source.
+/// Sources that no ray was left for. A single source has all rays, and a part of a trace may have none of a source.
 fn sources_without_rays(ir: &SceneIr, result: &TraceResult, tally: &Tally) -> Option<String> {
     let is_part = result.run.of_rays.is_some_and(|all| all > result.num_rays_total);
     if is_part || ir.sources.len() < 2 {

@@ -63,7 +63,7 @@ impl Brought {
     /// None from [`ENOUGH_RAYS`] on. `birth_weight` is what a new ray carries.
     pub(crate) fn few_rays(&self, birth_weight: f64, unit: FluxUnit) -> Option<FewRays> {
         let rests_on = Some(self.rests_on()).filter(|rays| *rays < ENOUGH_RAYS)?;
-        // Of no ray there is no mean.
+        // The mean of zero rays is NaN, which `max` leaves out.
         let largest = birth_weight.max(self.mean_weight());
         Some(FewRays { rests_on, upper_bound_95: unit.watts_of_weight(upper_bound(self.weight(), largest)) })
     }

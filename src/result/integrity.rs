@@ -36,7 +36,7 @@ pub struct FileHash {
 /// What a file holds now.
 ///
 /// # Errors
-/// That of the system; anything but a file has no hash.
+/// The system's error. Anything but a file has no hash.
 pub fn hash_of(path: &Path) -> io::Result<FileHash> {
     if !path.metadata()?.is_file() {
         return Err(io::Error::other("is no file"));

@@ -10,8 +10,8 @@ use ndarray::{Array2, ArrayView1};
 /// The lamp that a far field is. `is_forward` says that no light comes from behind, which a far field without `sphere` adds to the
 /// light forwards.
 ///
-/// Intensities are those of cells of equal solid angle ([`Field::of_equal_solid_angles`]). They stand at the middles of the bins.
-/// At the ends of gamma, and in plane C0, stand means of the bins beside.
+/// Intensities come from cells of equal solid angle ([`Field::of_equal_solid_angles`]). They stand at the middles of
+/// the bins. At the ends of gamma, and in plane C0, stand means of the bins beside.
 ///
 /// # Errors
 /// [`Error::Usage`] if the detector is no far field, was not traced in photometric units, or folds light from behind.

@@ -67,8 +67,8 @@ pub struct LightPath {
     /// What happened, and where: `T` transmitted, `R` reflected, `ST` scattered through, `SR` scattered back,
     /// `A` absorbed, `M` missed. Where several paths are a row, only what they share.
     pub steps: Vec<[String; 2]>,
-    /// An expression that keeps this row's light alone (`--where`). Null where the light ended on no detector, where a
-    /// name cannot be written in an expression, and for sequences of more parts than an expression has.
+    /// An expression that keeps this row's light alone (`--where`). Null where the light ended on no detector, or where
+    /// a name cannot be written in an expression. Also null for sequences of more parts than an expression has.
     #[serde(rename = "where")]
     pub filter: Option<String>,
     /// The centre of the light on the detector, in the detector's frame \[mm\]; null where it was not summed up.
@@ -106,7 +106,7 @@ pub struct PathTable {
     /// True if there were more sequences than the table may have rows.
     #[serde(default)]
     pub is_closed: bool,
-    /// Faces whose coatings are others than in the trace. The rows are those of the new coatings.
+    /// Faces whose coatings are others than in the trace. The rows have the new coatings.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub recoated: Vec<Recoated>,
     /// The faces that ghosts meet, by how much their coatings matter; missing unless asked for.
@@ -137,7 +137,7 @@ pub struct Group<'a> {
     pub row: LightPath,
     /// The sequences, ascending.
     pub sequences: Vec<&'a Sequence>,
-    /// What new coatings multiply the light of each sequence by; none where that is not one number for all of them.
+    /// What new coatings multiply the light of each sequence by. `None` if sequences have different factors.
     pub factor: Option<f64>,
 }
 
@@ -251,8 +251,8 @@ pub fn groups<'a>(
     ranked.collect()
 }
 
-/// Scales the sums of a row by their factors, relative to the largest one, which is returned: sums are whole numbers, which
-/// small factors would round. Where all factors are one number, the sums stay as they are.
+/// Scales the sums of a row by their factors, relative to the largest factor, which is returned. Sums are whole
+/// numbers, which small factors would round. Where all factors are one number, the sums stay as they are.
 fn scale(members: &mut [Member]) -> f64 {
     let largest = members.iter().map(|member| member.factor).fold(0.0, f64::max);
     for Member { sum, factor, .. } in members.iter_mut().filter(|member| member.factor != largest) {

@@ -58,7 +58,7 @@ impl Luminous {
         self.quantity().1
     }
 
-    /// The name of the map in files; that of its standard error ends in `_standard_error`.
+    /// The name of the map in files. The name of its standard error ends in `_standard_error`.
     pub fn name(&self) -> &'static str {
         if self.is_intensity { "luminous_intensity" } else { "illuminance" }
     }

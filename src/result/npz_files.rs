@@ -50,8 +50,8 @@ fn add_detector(
     file.finish()
 }
 
-/// Writes maps of derivatives to `path`: an array `DETECTOR/PARAMETER` each, and `DETECTOR/PARAMETER/standard_error`, in the
-/// shape of the detector's map and its unit per unit of the parameter.
+/// Writes maps of derivatives to `path`: an array `DETECTOR/PARAMETER` each, and `DETECTOR/PARAMETER/standard_error`.
+/// Each has the shape of the detector's map, and its unit per unit of the parameter.
 ///
 /// # Errors
 /// [`crate::Error::File`] if the file cannot be written.

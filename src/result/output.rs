@@ -1,10 +1,10 @@
 //! The files of a result: `report.json`, one `.npz` and one `.png` per detector, `ray_paths.npz` if paths were recorded.
 //!
 //! Written whole or not at all. Everything is written to a hidden folder on the same file system first. A new folder
-//! then appears in one rename. One that exists is exchanged for the new one in one step, in which what else it held
-//! is found again: as the same files, by links. A folder that cannot be exchanged ([`Target::is_exchangeable`]) has
-//! its files renamed one by one. If a rename fails, all are undone; if this run is killed, the next one undoes them.
-//! Files of the result that was there before go with it. Files that this program has not written are never replaced.
+//! then appears in one rename. A folder that exists is exchanged for the new one in one step. What else it held stands
+//! in the new folder as the same files, by links. A folder that cannot be exchanged ([`Target::is_exchangeable`]) has
+//! its files renamed one by one. If a rename fails, all are undone. If this run is killed, the next run undoes them.
+//! Files of an earlier result go with that result. Only files that this program has written are ever replaced.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fs::{self, File, OpenOptions};
@@ -63,7 +63,7 @@ pub struct Written {
 /// As [`write_all`], with these extras.
 ///
 /// # Errors
-/// Those of [`write_all`].
+/// The errors of [`write_all`].
 pub fn write(dir: &Path, result: &TraceResult, extras: &Extras<'_>) -> Result<Written> {
     let (files, report) = write_by(dir, |folder| write_files(folder, result, extras))?;
     Ok(Written { files, report })
@@ -238,7 +238,7 @@ struct Before {
 }
 
 impl Before {
-    /// Nothing where there is no report of this program.
+    /// Empty if the folder has no report of this program.
     fn of(dir: &Path) -> Before {
         let mut files = BTreeMap::new();
         let is_file = |name: &str| dir.join(name).symlink_metadata().is_ok_and(|found| found.is_file());
@@ -487,8 +487,8 @@ fn relocate(error: Error, staged: &Path, dir: &Path) -> Error {
     Error::File { path, problem }
 }
 
-/// A file name without extension per detector: its name where the file system can carry it, distinct even where upper
-/// and lower case are the same.
+/// A file name without extension per detector: its name where the file system can carry it. File names are distinct
+/// even where upper and lower case are the same.
 pub(crate) fn file_stems<'a>(names: impl Iterator<Item = &'a str>) -> Vec<String> {
     // Names are compared after upper- and then lower-casing, so that letters such as long s and s count as equal.
     let folded = |stem: &str| stem.to_uppercase().to_lowercase();

@@ -83,8 +83,8 @@ fn shares(source: &Source) -> impl Iterator<Item = (usize, f64)> {
     source.spectrum.wavelengths.iter().copied().zip(shares)
 }
 
-/// The mean of a function of the wavelength to a power over what a detector gets of a source: of each wavelength the share
-/// `through`, whichever source it is of.
+/// The mean of a function of the wavelength to a power, over what a detector gets of a source. The detector gets the
+/// share `through` of each wavelength, whichever the source.
 fn mean_over(
     ir: &SceneIr,
     source: &Source,
@@ -120,11 +120,12 @@ pub(crate) fn of_source(ir: &SceneIr, source: &Source) -> LuminousSource {
     LuminousSource { flux_lm: source.total_flux * efficacy, efficacy }
 }
 
-/// What each detector saw, in photometric units; none of a detector whose light has no map, or whose bins mix wavelengths.
-/// Scene and sums are given twice: as they were traced, and with wavelengths added up. Those of these names see `color`.
+/// What each detector saw, in photometric units. `None` for a detector whose light has no map, or whose bins mix
+/// wavelengths. Scene and sums are given twice: as they were traced, and with wavelengths added up. `color` is for
+/// detectors of these names.
 ///
 /// # Errors
-/// [`Error::Internal`] if the sums are not those of the scene.
+/// [`Error::Internal`] if the sums belong to another scene.
 pub(crate) fn of_detectors(
     [ir, plain]: [&SceneIr; 2],
     [tally, sums]: [&Tally; 2],

@@ -71,7 +71,7 @@ impl RayPaths {
     /// All events in memory at once.
     ///
     /// # Errors
-    /// Those of [`Rows::for_each`].
+    /// The errors of [`Rows::for_each`].
     pub fn columns(&self) -> Result<PathColumns> {
         let events = self.rows.to_vec()?;
         let reals = |value: &dyn Fn(usize) -> f64| (0..events.len()).map(value).collect::<Array1<f64>>();

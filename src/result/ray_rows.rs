@@ -1,5 +1,5 @@
-//! What a trace records row by row, in the order of (ray id, event): in memory, or in files without a name that vanish
-//! with the process.
+//! What a trace records row by row, in the order of (ray id, event). Rows lie in memory, or in files without a name
+//! that vanish with the process.
 //!
 //! A row is [`WORDS`] words of 64 bits. Rows are kept in blocks, each column by column. So a file of results is
 //! written one column after the other, while every row is read once. Only the last, incomplete block is always in
@@ -325,7 +325,7 @@ fn with_file<T>(
 /// All that a trace records by rows: the rays of databases, and the events of paths.
 #[derive(Debug)]
 pub struct Recording {
-    /// Per detector; none unless it is a ray database.
+    /// Per detector. `None` for other kinds than a ray database.
     databases: Vec<Option<RowWriter>>,
     paths: RowWriter,
 }
@@ -333,7 +333,7 @@ pub struct Recording {
 /// A finished [`Recording`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Recorded {
-    /// Per detector; none unless it is a ray database.
+    /// Per detector. `None` for other kinds than a ray database.
     pub databases: Vec<Option<Arc<Rows>>>,
     /// Events of the recorded paths.
     pub paths: Arc<Rows>,

@@ -24,7 +24,7 @@ impl TraceResult {
     /// As [`TraceResult::new`], with rows that were recorded apart from the tally.
     ///
     /// # Errors
-    /// [`Error::Internal`] if tally or rows are not those of this scene, [`Error::File`] if the rows cannot be read.
+    /// [`Error::Internal`] if tally or rows belong to another scene, [`Error::File`] if the rows cannot be read.
     pub fn with_rows(ir: &SceneIr, run: &RunInfo, tally: &Tally, recorded: &Recorded) -> Result<TraceResult> {
         check_shape(ir, tally)?;
         let unit = FluxUnit::of_scene(ir, if run.partial { tally.launched.count } else { run.num_rays });
@@ -97,7 +97,7 @@ impl TraceResult {
 fn path_table(ir: &SceneIr, run: &RunInfo, tally: &Tally, unit: FluxUnit) -> Option<PathTable> {
     let sums = tally.path_sums.as_ref()?;
     let (grouping, as_traced) = (Grouping::Sequence, Recoating::default());
-    // The errors of Sobol's points are not those of independent draws.
+    // Sobol's points have other errors than independent draws.
     let groups = light_paths::groups(ir, tally, sums, unit, grouping, run.sampler == "pcg", &as_traced);
     let launched = unit.watts(tally.launched.quanta);
     let rows = groups.into_iter().map(|group| match run.guide {

@@ -3,16 +3,16 @@
 //! Example: `L1.back` reflects 0.01 and transmits 0.99. A ghost that it reflects once and lets pass twice has 1e-4 W. With
 //! R = 0.002 and T = 0.998 the ghost has 1e-4 W times 0.002/0.01 times (0.998/0.99)^2 = 2.03e-5 W.
 //!
-//! This is exact, and no first order: the light of one sequence is a product, in which each reflection at the face has a
-//! factor R and each passage a factor T. It holds where R and T are the same for every angle and wavelength. So bare faces
-//! and coatings by a table are refused.
+//! The new flux is exact, not an estimate to first order. The light of one sequence is a product, in which each
+//! reflection at the face has a factor R and each passage a factor T. The product holds where R and T are the same for
+//! every angle and wavelength. So bare faces and coatings by a table are refused.
 //!
 //! **Scattering.** A refractive face draws reflection or transmission first, and scatters then. A step of a sequence says to
 //! which side the light was scattered. A Lambertian lobe takes no notice of the branch: such light has R + T. A lobe about the
 //! drawn ray has R or T, if all of it lies on one side. Elsewhere both branches are one step, and the step is refused.
 //!
-//! **Total reflection.** No coating changes that, and a sequence does not tell it from a drawn reflection. So sequences in
-//! which it is possible are named ([`total_reflection`]).
+//! **Total reflection.** No coating changes total reflection, and a sequence shows it as it shows a drawn reflection.
+//! So sequences in which total reflection is possible are named ([`total_reflection`]).
 
 use crate::error::{Error, Result};
 use crate::format::{significant, thousands};
@@ -151,7 +151,7 @@ impl Unfit {
 }
 
 impl Constants {
-    /// Those of a surface.
+    /// The constants of a surface.
     pub(crate) fn of(surface: &Surface) -> std::result::Result<Self, Unfit> {
         let [through, back] = scattered_shares(surface);
         match (&surface.interaction, &surface.coating) {

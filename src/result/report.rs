@@ -16,14 +16,16 @@ pub const SCHEMA: u32 = 1;
 /// times in s. Fields that are not known are null.
 ///
 /// - `schema`: the version of the document, [`SCHEMA`].
-/// - `rays_per_sec`: rays launched per second, without those of a trace that this one went on from.
-/// - `detectors`: `{name: {kind, absorb, total_flux, total_flux_standard_error, mean_relative_error, num_rays_hit, file,
-///   picture, ...}}` in scene order. `mean_relative_error` is the sum of the cells' standard errors over the sum of their
-///   values, in flux. `file` and `picture` are null if none was written. Detectors with pixels have `width` and `height`
-///   \[mm\]. Ray databases have `num_rays_stored`, the number of rows kept, whose flux is `total_flux`. They also have
-///   `total_flux_recorded`, the flux of all rows, and `frame`, with the local x, y, z in global coordinates as `axes` and
-///   an `origin` in mm. A flux that rests on fewer than ten rays has `rests_on`, the number of rays, and `upper_bound_95`
-///   \[W\], which the flux is below with 95 % confidence. The map of a path has a `title`, its sequence.
+/// - `rays_per_sec`: rays launched per second. Rays of a trace that this one went on from do not count.
+/// - `detectors`:
+///   `{name: {kind, absorb, total_flux, total_flux_standard_error, mean_relative_error, num_rays_hit, file, picture, ...}}`
+///   in scene order. `mean_relative_error` is the sum of the cells' standard errors over the sum of their values, in
+///   flux. `file` and `picture` are null if none was written. Detectors with pixels have `width` and `height` \[mm\].
+///   Ray databases have `num_rays_stored`, the number of rows kept, whose flux is `total_flux`. They also have
+///   `total_flux_recorded`, the flux of all rows, and `frame`. A frame has the local x, y, z in global coordinates as
+///   `axes`, and an `origin` in mm. A flux that rests on fewer than ten rays has `rests_on`, the number of rays.
+///   `upper_bound_95` \[W\] stands beside: the flux is below with 95 % confidence. The map of a path has a `title`, its
+///   sequence.
 /// - `paths` and `paths_without_row`: light by its path, the most flux first, and light whose sequence has no row, by its
 ///   end. Missing unless light was summed up by its path.
 /// - `recoated`: faces whose coatings `paths` takes for others than in the trace; the maps and the sums of detectors are as

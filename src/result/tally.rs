@@ -241,8 +241,8 @@ fn add_each<T: Clone + Default>(sums: &mut Vec<T>, others: &[T], add: impl Fn(&m
     sums.iter_mut().zip(others).for_each(|(sum, other)| add(sum, other));
 }
 
-/// Adds sums of cells, of which many may be dark. Cells that gain nothing are not written to, so that a large map
-/// that is mostly dark takes little memory.
+/// Adds sums of cells, of which many may be dark. Only cells that gain something are written to. So a large map that is
+/// mostly dark takes little memory.
 fn add_cells<T: Copy + Default + PartialEq + AddAssign>(sums: &mut Vec<T>, others: &[T]) {
     if sums.is_empty() {
         *sums = map_lit(others, |_, other| other);

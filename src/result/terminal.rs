@@ -73,7 +73,7 @@ impl TraceResult {
         )
     }
 
-    /// How long the trace took, and in a line of its own when it began: nothing where nobody measured it.
+    /// How long the trace took, and in a line of its own when it began. Empty if it was not measured.
     fn timing(&self) -> String {
         let run = &self.run;
         if run.trace_time_sec == 0.0 {

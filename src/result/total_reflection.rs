@@ -1,8 +1,9 @@
 //! Where along a sequence light may have been totally reflected.
 //!
-//! A sequence says `R`, be the reflection total or not. Total reflection needs light that comes from the higher index. It also
-//! needs an angle of incidence beyond the critical one. The angle is bounded from the source on: the directions of light lie
-//! in a cone about an axis, and so do the normals of a face. Refraction, reflection and scattering make another cone of it.
+//! A sequence says `R`, be the reflection total or not. Total reflection needs light that comes from the higher index.
+//! It also needs an angle of incidence beyond the critical one. The angle is bounded from the source on. The directions
+//! of light lie in a cone about an axis, and so do the normals of a face. Refraction, reflection and scattering make
+//! another cone of it.
 //!
 //! The bound is never too small. So light in a plate with parallel faces is never suspected, whatever its angle outside. In a
 //! steep lens the bound is too wide, and light is suspected that is not totally reflected.
@@ -65,7 +66,7 @@ pub fn possible(ir: &SceneIr, sequence: &Sequence) -> Vec<u32> {
     found
 }
 
-/// True for light that comes from the front; none where the medium that it was in does not say.
+/// True for light that comes from the front. `None` if the light's medium does not show the side.
 fn side(surface: &Surface, medium: Option<MediumId>) -> Option<bool> {
     match medium {
         Some(medium) if medium == surface.front => Some(true),
@@ -74,7 +75,7 @@ fn side(surface: &Surface, medium: Option<MediumId>) -> Option<bool> {
     }
 }
 
-/// Where the side is not known, those of both sides.
+/// The ratios of refractive indices. Where the side is not known, both sides have theirs.
 fn ratios(ir: &SceneIr, surface: &Surface, from_front: Option<bool>, wavelengths: &[usize]) -> Vec<f64> {
     let [front, back] = [surface.front, surface.back].map(|medium| &ir.media[medium].n);
     let of_front = wavelengths.iter().map(|&w| front[w] / back[w]);
@@ -132,7 +133,7 @@ impl Boundary {
         self.ratios.iter().any(|ratio| ratio * sine > 1.0 + ROUNDING)
     }
 
-    /// The cone about the normals' axis, or about that of the light, whichever is narrower.
+    /// The cone about the normals' axis, or about the light's axis, whichever is narrower.
     fn transmitted(&self) -> Cone {
         let incidence = self.incidence();
         let refracted = |ratio: f64, angle: f64| (ratio * angle.sin()).min(1.0).asin();

@@ -12,8 +12,9 @@
 //! The error of a map is the sum of its cells' standard errors over the sum of their values. It is the mean of the
 //! cells' relative errors, weighted by the light in each cell. So a cell counts for what it holds, and neither stray
 //! light nor the outer taps of a splat rule the figure. A cell without a ray has an estimated error of 0. The root of
-//! few hits is on average smaller than the root of the hits expected, by 23 % at one hit a cell and 3 % at five. So
-//! the error of a map is at most about 100 %, and too small where most of its light falls on cells of few hits.
+//! few hits is on average smaller than the root of the hits expected. The difference is 23 % at one hit a cell, and 3 %
+//! at five. So the error of a map is at most about 100 %, and too small where most of its light falls on cells of few
+//! hits.
 
 use crate::model::SceneIr;
 use crate::model::ray_id::NUM_REPLICATES;
@@ -93,8 +94,9 @@ impl Uncertainty {
     /// Standard error of each cell \[W\], divided by the cell's size: area, or solid angle. `None` if second moments were
     /// not summed.
     ///
-    /// The sources are pooled. Where they light a cell unequally, the error is too large by a factor of at most
-    /// 1/sqrt(1 - p), and never too small. p is the largest share of a source's rays that comes by the cell.
+    /// The sources are pooled. Let p be the largest share of a source's rays that comes by the cell. Where sources
+    /// light a cell unequally, the error is too large by a factor of at most 1/sqrt(1 - p). The error is never too
+    /// small.
     pub(crate) fn of_cells(&self, sums: &DetectorTally, size: impl Fn(usize) -> f64) -> Option<Vec<f64>> {
         if !Uncertainty::knows_cells(sums) {
             return None;
@@ -149,7 +151,7 @@ impl Uncertainty {
         self.watts(replicates_error(sums, &self.rays_of_replicates) / QUANTA_PER_WEIGHT)
     }
 
-    /// Standard error of a detector's flux \[W\]; none where second moments were not summed. Each source has a fixed
+    /// Standard error of a detector's flux \[W\]. `None` if second moments were not summed. Each source has a fixed
     /// number of rays, so that the variances of the sources add up.
     pub(crate) fn of_total(&self, sums: &DetectorTally) -> Option<f64> {
         if !sums.replicates.is_empty() {
@@ -224,7 +226,7 @@ impl MapError {
         (self.of_many + self.of_few) / self.value
     }
 
-    /// That of `factor` times as many rays.
+    /// The relative error after `factor` times as many rays.
     fn relative_after(&self, factor: f64) -> f64 {
         let of_few = mean_root(factor * self.expected_hits) / mean_root(self.expected_hits);
         (self.of_many * factor.sqrt() + self.of_few * of_few) / (self.value * factor)
@@ -258,7 +260,7 @@ struct DetectorError {
     /// It rests on few rays: nothing is promised of more.
     is_of_few: bool,
     map: Option<MapError>,
-    /// That of its flux; NaN where it is not known.
+    /// The relative error of its flux. NaN if it is not known.
     flux: f64,
 }
 

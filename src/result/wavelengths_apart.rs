@@ -1,9 +1,9 @@
 //! Light of each wavelength kept apart while rays are traced, and added up again.
 //!
-//! A trace that is asked for photometry keeps light of each wavelength apart ([`Apart`]). Here its sums over wavelengths become
-//! the sums of the detectors as the scene has them, to the bit; or sums by another weight of each wavelength. A ray keeps its
-//! wavelength for life. So the squares of what rays leave add up with the square of that weight, and standard errors of
-//! weighted maps are as exact as those in watts.
+//! A trace that is asked for photometry keeps light of each wavelength apart ([`Apart`]). Here its sums over
+//! wavelengths become the sums of the detectors as the scene has them, to the bit. The sums may also be taken by
+//! another weight of each wavelength. A ray keeps its wavelength for life. So the squares of what rays leave add up
+//! with the square of that weight. Standard errors of weighted maps are then as exact as errors in watts.
 
 use crate::error::{Error, Result};
 use crate::model::{Apart, DetectorKind, SceneIr};

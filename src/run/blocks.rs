@@ -1,4 +1,4 @@
-//! A trace in blocks of rays, each with sums of its own: the blocks' scatter tells errors.
+//! A trace in blocks of rays, each with sums of its own. Standard errors follow from the scatter of the blocks.
 
 use crate::engine::budget::distribute;
 use crate::engine::options::TraceOptions;
@@ -25,8 +25,8 @@ pub(crate) struct Traced {
     pub(crate) is_stopped: bool,
 }
 
-/// Traces on to the position `end` where so many rays were launched before, and these. The sums are of the new rays alone, but
-/// for the rays that were launched. `keep_going` is that of [`Blocks::trace_to`].
+/// Traces on to the position `end` where so many rays were launched before, and these. The sums are of the new rays
+/// alone, but for the rays that were launched. `keep_going` is as in [`Blocks::trace_to`].
 pub(crate) fn trace_on(
     tracer: &mut Tracer,
     (launched, rays): (FluxSum, RaySet),
@@ -81,7 +81,7 @@ impl Blocks {
         let before = std::mem::take(&mut self.sums.launched);
         let own = FluxSum { count: launched.count - before.count, quanta: launched.quanta - before.quanta };
         let mut block = Tally { launched: own, rays: Default::default(), ..traced };
-        // Rows of ray databases tell no errors, and would take memory.
+        // Rows of ray databases do not help to find errors, and would take memory.
         block.detectors.iter_mut().for_each(|detector| detector.rows = Vec::new());
         self.sums += &block;
         (self.sums.launched, self.sums.rays) = (launched, rays);

@@ -307,10 +307,10 @@ pub fn check_writable(path: &Path) -> Result<()> {
     placing::check_folder_of(path).map_err(|error| Error::file(path, placing::own_word(error)))
 }
 
-/// How many rays of a trace a file holds already: none where there is no file, or an empty one.
+/// How many rays of a trace a file holds already. A missing or empty file holds 0.
 ///
 /// # Errors
-/// [`Error::File`] if the file holds the sums of another trace, or damaged ones; with `overwrite` such a file holds none.
+/// [`Error::File`] if the file holds the sums of another trace, or damaged ones. With `overwrite` such a file holds 0.
 pub fn rays_in(path: &Path, identity: &Identity, overwrite: bool) -> Result<u64> {
     if path.symlink_metadata().map_or(0, |found| found.len()) == 0 {
         return Ok(0);
@@ -417,7 +417,7 @@ impl std::fmt::Write for Fnv {
     }
 }
 
-/// The scene of this hash: as it is, or one that keeps light of each wavelength apart. None if it is neither.
+/// The scene of this hash: as it is, or one that keeps light of each wavelength apart. `None` if the hash is another's.
 pub fn scene_of_hash(ir: SceneIr, hash: u128) -> Option<SceneIr> {
     if scene_hash(&ir) == hash {
         return Some(ir);

@@ -34,7 +34,7 @@ pub struct Pair<'a> {
     cache: Option<&'a PipelineCache>,
 }
 
-/// A number that is computed from what detectors record, of A less that of B.
+/// The difference A - B of a number that is computed from what detectors record.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LossDifference {
     /// A - B.
@@ -56,7 +56,7 @@ impl Run<'_> {
     /// come, and says how to go on. After a stop there is what both have traced.
     ///
     /// # Errors
-    /// As [`Run::go`], and those of [`Pair::difference`].
+    /// As [`Run::go`] and [`Pair::difference`].
     pub fn difference(
         self,
         pair: &Pair<'_>,
@@ -176,7 +176,7 @@ impl<'a> Pair<'a> {
             self.add_scrambles(&pairing, &sums, units, &mut spreads[1])?;
         }
         let done = sums[0].launched.count;
-        // Of a part of the rays, fluxes are those of all that the sources emit, shared among that part.
+        // After a stop, the rays so far share all flux that the sources emit.
         let units = self.scenes().map(|ir| FluxUnit::of_scene(ir, done));
         let scale = num_rays as f64 / done as f64;
         let [a, b] = &sums;
@@ -186,8 +186,8 @@ impl<'a> Pair<'a> {
         Ok(SceneDifference { run, ..found })
     }
 
-    /// What a loss of A is more than that of B. `adjoints` says for each detector what the loss gains by a watt in each cell
-    /// \[1/W\]; `keep_going` as in [`Pair::difference`].
+    /// How much larger the loss of A is than the loss of B. `adjoints` says for each detector what the loss gains by a
+    /// watt in each cell \[1/W\]; `keep_going` as in [`Pair::difference`].
     ///
     /// # Errors
     /// As [`Pair::difference`]. [`Error::Interrupted`] if the traces were stopped.

@@ -42,7 +42,7 @@ impl Differentiation<'_> {
     /// The result.
     ///
     /// # Errors
-    /// [`Error::Internal`] if the sums are not those of the scene.
+    /// [`Error::Internal`] if the sums belong to another scene.
     pub fn into_result(self) -> Result<TraceResult> {
         let result = TraceResult::new(&self.scene.ir, &self.info, &self.tally)?;
         Ok(TraceResult { gradients: self.gradients, ..result })
@@ -55,7 +55,7 @@ impl Run<'_> {
     /// stop there is what was found so far.
     ///
     /// # Errors
-    /// As [`Run::go`], and those of [`Differentiated::gradients`]. [`Error::Interrupted`] if the trace was cancelled.
+    /// As [`Run::go`] and [`Differentiated::gradients`]. [`Error::Interrupted`] if the trace was cancelled.
     pub fn differentiate<'d>(
         &self,
         scene: &'d Differentiated,
@@ -103,7 +103,7 @@ impl Run<'_> {
     /// leaves nothing.
     ///
     /// # Errors
-    /// As [`Run::go`], and those of [`Differentiated::loss_gradient`]. [`Error::Interrupted`] if the trace was ended.
+    /// As [`Run::go`] and [`Differentiated::loss_gradient`]. [`Error::Interrupted`] if the trace was ended.
     pub fn loss_gradient(
         &self,
         scene: &Differentiated,

@@ -152,8 +152,8 @@ impl<'a> Run<'a> {
     /// The options on a device, but for the precision.
     fn options_on(&self, gpu: &Gpu) -> TraceOptions {
         let options = self.options.clone();
-        // Only with strict arithmetic a shader with live numbers gives the bits of one without, and other machines those of a
-        // proof.
+        // Only strict arithmetic gives the same bits with live numbers and without. Only then do other machines repeat
+        // the bits of a proof.
         let strict = match self.cache.is_some() || self.has_proof {
             true => strict_where_possible(options.strict, gpu),
             false => options.strict,

@@ -78,7 +78,7 @@ pub struct Run<'a> {
     name: Option<String>,
     /// All but precision and depth.
     options: TraceOptions,
-    /// None: that of the file that the run resumes, or that of the scene.
+    /// `None`: the depth of the file that the run resumes, or the scene's.
     max_depth: Option<u32>,
     precision: WantedPrecision,
     /// The error of f32 is predicted before the rays are traced, also where it is only reported. Otherwise a second device
@@ -212,7 +212,7 @@ impl<'a> Run<'a> {
     /// Changes the scene that is traced, such as its sampling.
     ///
     /// # Errors
-    /// Those of `change`.
+    /// The errors of `change`.
     pub fn change_model(mut self, change: impl FnOnce(&mut SceneIr) -> Result<()>) -> Result<Self> {
         change(self.model.to_mut())?;
         Ok(self)

@@ -6,7 +6,7 @@
 //! Differentials, SIGGRAPH 1999.
 //!
 //! At a detector the covariance becomes pixels. The paths include the scene's extent, curvatures, pixels and depth. So
-//! a system that focuses errors away is told from a system that magnifies them.
+//! the prediction differs between a system that focuses errors away and a system that magnifies them.
 
 use crate::error::Result;
 use crate::gpu::Gpu;
@@ -34,7 +34,7 @@ const SIGMAS: f64 = 3.0;
 /// Half a unit in the last place of 1 in f32.
 const ROUNDING: f64 = 0.5 * f32::EPSILON as f64;
 /// Standard deviation of a coordinate's error at an event, and of a direction's components before and after it, in
-/// roundings. The value is that of one rounding at worst. The bound then holds in every scene of the collection
+/// roundings. The value is one rounding at worst. The bound then holds in every scene of the collection
 /// (tests/precision.rs).
 const ROUNDINGS: f64 = 1.0;
 
@@ -104,7 +104,7 @@ pub fn choose(
 /// As [`choose`]. `trace` traces the pilot.
 ///
 /// # Errors
-/// Those of `trace`.
+/// The errors of `trace`.
 pub fn choose_by(
     gpu: &Gpu,
     ir: &SceneIr,
@@ -236,7 +236,7 @@ fn predict_by(
     // A split ray's child begins its path at the split, with errors of its parent. So branches are drawn here, and not
     // split.
     let sampling = Sampling { split_depth: 0, ..ir.sampling };
-    // Of a filter, the rows of detectors tell what it keeps.
+    // The rows of detectors show what a filter keeps.
     let seen = if is_filtered { ir.with_ray_databases() } else { ir.with_single_cells() };
     let tally = trace(&SceneIr { sampling, ..seen }, &pilot)?;
     let mut arrivals = arrivals(ir, &tally.paths);

@@ -1,12 +1,12 @@
 //! The proof of a result: a hash of the sums of each range of rays, which anybody can trace again.
 //!
-//! A trace is cut into [`NUM_RANGES`] ranges of rays. At the end of each, the sums of its rays alone are what the sums have
-//! gained since the range before, because sums are integers and add up in any order. Their SHA-256 is kept, and a
-//! checksum of each part of them. Checksums are linear: those of all ranges add up to that of the result, so that a result cannot
-//! hold more or less than its ranges.
+//! A trace is cut into [`NUM_RANGES`] ranges of rays. Sums are integers and add up in any order. So the sums of a
+//! range's rays alone are what the sums have gained since the range before. The SHA-256 of these is kept, and a
+//! checksum of each part. Checksums are linear: over all ranges they add up to the result's checksum. So a result
+//! cannot hold more or less than its ranges.
 //!
-//! Rows of ray databases, recorded paths and the table of paths are no part of it, nor marks such as that a surface was reached: these
-//! do not add up.
+//! The proof leaves out rows of ray databases, recorded paths and the table of paths. The proof also leaves out marks,
+//! such as that a surface was reached. None of these add up.
 
 use crate::engine::budget::{SourceRays, distribute, part};
 use crate::error::{Error, Result};
@@ -27,7 +27,7 @@ const CELLS_PER_RAY: u64 = 16;
 /// The end of ray ids.
 const MOST_RAYS: u64 = 1 << 63;
 
-/// The proof of a result: that of each trace whose sums were added up.
+/// The proof of a result: one for each trace whose sums were added up.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Proof {
     /// The traces.
@@ -199,7 +199,7 @@ const HITS: usize = 2;
 const FACTOR_OF_PLACE: u128 = 0x243F_6A88_85A3_08D3_1319_8A2E_0370_7345;
 const FACTOR_OF_LIST: u128 = 0xB7E1_5162_8AED_2A6A_BF71_5880_9CF4_F3C7;
 
-/// The factor by which all numbers of a list are those of another, if there is one.
+/// The factor by which all numbers of a list differ from another's, if it is one factor for all.
 fn factor(of: &[u128], list: &[u128]) -> Option<u128> {
     let place = of.iter().position(|number| *number != 0)?;
     let factor = list.get(place)? / of[place];
@@ -207,8 +207,8 @@ fn factor(of: &[u128], list: &[u128]) -> Option<u128> {
     (factor != 0 && of.len() == list.len() && of.iter().zip(list).all(is_multiple)).then_some(factor)
 }
 
-/// Hashes a list: the number of its integers, how many bytes the largest of them takes, and so many bytes of each. A list whose
-/// last integers are 0 is the same as a shorter one: sums that were not begun are no sums of 0.
+/// Hashes a list: the number of its integers, how many bytes the largest of them takes, and so many bytes of each. A
+/// list whose last integers are 0 has the hash of a shorter one. So sums that were never begun have the hash of zeros.
 fn hash_list(hasher: &mut Sha256, list: &[u128], bytes: &mut Vec<u8>) {
     let length = list.iter().rposition(|value| *value != 0).map_or(0, |last| last + 1);
     let bits = list.iter().fold(0, |bits, value| bits | value);

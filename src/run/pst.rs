@@ -1,8 +1,9 @@
 //! Point source transmittance: how much of the light of a far point comes to a detector, by the angle off the axis.
 //!
-//! PST is the mean irradiance on the detector over the irradiance of the beam on a plane across it (Fest, Stray Light Analysis
-//! and Control, SPIE 2013, section 2.2). The beam is turned about a pivot, angle by angle; a compiled shader serves all of them.
-//! Standard errors are those between rounds of rays: single rays may weigh less than squares can be summed for.
+//! PST is the mean irradiance on the detector over the irradiance of the beam on a plane across it. Source: Fest, Stray
+//! Light Analysis and Control (SPIE 2013), section 2.2. The beam is turned about a pivot, angle by angle, and one
+//! compiled shader serves all angles. Standard errors come from the scatter between rounds of rays. Single rays may
+//! weigh less than squares can be summed for.
 
 use crate::error::{Error, Result};
 use crate::format::shown;
@@ -93,7 +94,7 @@ pub struct Transmittances {
     pub failure: Option<Error>,
 }
 
-/// Scatterings that are told apart.
+/// Numbers of scatterings that are listed apart.
 const ORDERS: usize = 4;
 /// An error is believed from so many rounds on.
 const FEWEST_ROUNDS: usize = 16;
@@ -317,7 +318,7 @@ fn corners(model: &SceneIr) -> Vec<DVec3> {
     (0..8).map(pick).collect()
 }
 
-/// What light is told apart by.
+/// The parts into which light is divided.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Key {
     All,

@@ -9,7 +9,7 @@ const ROUNDS: u64 = 64;
 const FEWEST_RAYS: u64 = 1 << 12;
 const MOST_RAYS: u64 = 1 << 17;
 
-/// Light by what it is told apart by, after each round \[quanta\]. A round is a pass of one dispatch.
+/// Light by its part, after each round \[quanta\]. A round is a pass of one dispatch.
 #[derive(Debug)]
 pub(super) struct Rounds<K> {
     /// Rays so far.

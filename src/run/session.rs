@@ -46,8 +46,8 @@ impl Session {
         self.opened.as_ref().map_or([0, 0], |opened| [opened.cache.len(), opened.cache.num_bytes()])
     }
 
-    /// The run on the session's device, with its shaders. They serve scenes whose numbers are live: those of short traces,
-    /// or as `live` says.
+    /// The run on the session's device, with its shaders. The shaders serve scenes whose numbers are live: in short
+    /// traces, or as `live` says.
     ///
     /// # Errors
     /// As [`Session::open`].

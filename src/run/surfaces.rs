@@ -37,12 +37,13 @@ const SCATTERS_MOST: f64 = 0.5;
 /// Most rays of the traces that record where rays go.
 const MOST_RECORDED: u64 = 200_000;
 
-/// What each surface of a scene, and of what [`Scene::lower`] made of it, has to do with a detector, those first that send most to it.
-/// `options` say how many rays are traced, and their table of paths has so many rows. `ask` and `next` are those of
-/// [`crate::run::pst::Pst::go`].
+/// What each surface has to do with a detector. The surfaces that send most to the detector come first. `model` is what
+/// [`Scene::lower`] made of `scene`. `options` say how many rays are traced, and their table of paths has `path_rows`
+/// rows. `ask` and `next` are as in [`crate::run::pst::Pst::go`].
 ///
 /// # Errors
-/// [`Error::Usage`] if there is no such detector. [`Error::Interrupted`] if a trace was cancelled. Those of [`Run::go`].
+/// [`Error::Usage`] if there is no such detector. [`Error::Interrupted`] if a trace was cancelled. The errors of
+/// [`Run::go`].
 pub fn blame(
     (scene, model): (&Scene, &SceneIr),
     detector: &str,

@@ -17,7 +17,7 @@ use crate::scene::json::{SceneFile, Source};
 use crate::scene::media::MediaTable;
 use crate::scene::surfaces::SceneSurface;
 
-/// What `check` and `trace` say of them. The tracer meets what is named here first (program::contact).
+/// What `check` and `trace` say of them. The tracer meets what is named here first (program::geometry::contact).
 pub(super) fn warnings(
     file: &SceneFile,
     surfaces: &[SceneSurface],
@@ -364,8 +364,8 @@ impl<'a> Flat<'a> {
         mesh.faces.iter().find_map(|&face| self.area_of_facet(mesh.corners(face), frame, size))
     }
 
-    /// The area vector of a facet that lies in the plane and has an area in common with the face, of a mesh whose largest
-    /// coordinate in its frame is `size`.
+    /// The area vector of a mesh's facet that lies in the plane and has an area in common with the face. `size` is the
+    /// mesh's largest coordinate in its frame.
     fn area_of_facet(&self, corners: [DVec3; 3], frame: &Frame, size: f64) -> Option<DVec3> {
         let size = size + frame.origin.abs().max(self.frame.origin.abs()).max_element();
         let corners = corners.map(|p| frame.rotation * p + frame.origin - self.frame.origin);

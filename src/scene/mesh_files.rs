@@ -256,8 +256,8 @@ fn without_comment(line: &str) -> &str {
     line.split('#').next().unwrap_or(line).trim_end()
 }
 
-/// Records without their comments, each with the index of its first line: where a vertex or a face ends in a backslash, the
-/// next line belongs to it.
+/// Records without their comments, each with the index of its first line. Where a vertex or a face ends in a backslash,
+/// the next line belongs to it.
 fn records(text: &str) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
     let mut lines = text.lines().map(without_comment).enumerate();
     std::iter::from_fn(move || {

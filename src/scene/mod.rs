@@ -1,7 +1,7 @@
 //! Scene text -> a [`Scene`] that is proven valid.
 //!
-//! The way of a scene: text -> tree of JSON values -> typed [`json::SceneFile`] -> validated -> surfaces of its
-//! components, closed and in order -> media as tables over the wavelengths of the sources.
+//! The way of a scene: text -> tree of JSON values -> typed [`json::SceneFile`] -> validated scene. Then components
+//! become surfaces, closed and in order, and media become tables over the wavelengths of the sources.
 
 mod coatings;
 mod coincidence;

@@ -100,7 +100,7 @@ pub(crate) fn plain(text: &str) -> Result<f64, String> {
     }
 }
 
-/// What the number of a name is; None where it has no unit that this program knows.
+/// What the number of a name is. `None` if its unit is not known.
 fn kind(name: &str) -> Option<Kind> {
     match last_key(name) {
         "rx" | "ry" | "rz" => Some(Kind::Angle),

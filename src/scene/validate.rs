@@ -266,8 +266,8 @@ fn check_total_flux(file: &SceneFile) -> Result<()> {
     refuse("sources[0].total_flux", "no source emits any flux", "give at least one source a flux above 0 W")
 }
 
-/// Angles that are likely degrees by mistake: more than a full turn in radians, or a round number from 2 on, such as
-/// 5 or 2.5, that is no round part of a turn.
+/// Angles that are likely degrees by mistake. Such an angle is more than a full turn in radians, or a round number from
+/// 2 on, such as 5 or 2.5. Round numbers are no round parts of a turn.
 fn is_like_degrees(angle: f64) -> bool {
     const ROUND: f64 = 1e-9;
     let tenths = 10.0 * angle.abs();

@@ -449,7 +449,7 @@ impl Model {
         }
     }
 
-    /// What background work needs; none without a scene.
+    /// What background work needs. `None` if no scene is open.
     fn context(&self) -> Option<Context> {
         let scene = self.scene.clone()?;
         let (device, run, notify) = (self.device.clone(), self.run.clone(), self.notify.clone());

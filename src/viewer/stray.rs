@@ -105,7 +105,7 @@ impl Stray {
         }
     }
 
-    /// What the surface of a name has to do with stray light; none for nothing, or for nothing known.
+    /// What the surface of a name has to do with stray light, if that is known.
     pub fn part(&self, surface: &str) -> Option<Part> {
         self.parts.get(surface).copied()
     }

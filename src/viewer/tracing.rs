@@ -249,7 +249,8 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 const BATCH: u32 = 1 << 16;
 const PASS_TIME: Duration = Duration::from_millis(15);
 
-/// True if rays are guided: where the user asks for some light alone, such as a ghost, every ray follows it as far as it can.
+/// True if rays are guided. Where the user asks for some light alone, such as a ghost, every ray follows that light as
+/// far as it can.
 pub(super) fn is_guided(scene: &LoadedScene, options: &RunOptions) -> bool {
     options.filter.is_some() && guide::check(&scene.ir, &TraceOptions::default()).is_ok()
 }

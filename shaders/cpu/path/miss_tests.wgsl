@@ -1,5 +1,5 @@
 // Cheap tests that a ray does not meet a primitive before it has gone `distance`, without a root or a quotient
-// (cpu::path::clearance). All coordinates are in the primitive's frame, as in the search.
+// (cpu::path::miss_test). All coordinates are in the primitive's frame, as in the search.
 //
 // Each test is sufficient, with room for what the search of geometry/quadric.wgsl and shapes/ rounds. A ray that fails
 // a test may meet the primitive or not.
@@ -21,9 +21,9 @@ fn leaves(o: vec3<real>, d: vec3<real>, s: Quadric, distance: real) -> bool {
     return abs(slope_along(o, d, s) + half) > abs(half) + 1e-15;
 }
 
-// True if the quadric keeps its sign along the way, and stays off 0 by the margin. Three values decide: those at both
-// ends, and that of the tangent halfway. The quadric lies between the least and the largest of the three (Bernstein's
-// form).
+// True if the quadric keeps its sign along the way, and stays off 0 by the margin. Three values decide: the quadric's
+// values at both ends, and the tangent's value halfway. The quadric lies between the least and the largest of the three
+// (Bernstein's form).
 fn stays_off(o: vec3<real>, d: vec3<real>, s: Quadric, margin: real, distance: real) -> bool {
     let g = slope_along(o, d, s);
     let f = value_at(o, s);

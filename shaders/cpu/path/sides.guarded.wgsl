@@ -1,6 +1,6 @@
-// A stage that follows a path counts no rays on wrong sides (optics/wrong_sides.counted.wgsl): such a ray fails a guard,
-// and trace_new traces it anew and counts it. Where the path says how its rays cross, media are constants, and nothing of
-// this is left. Twin of sides.none.wgsl.
+// Guards against rays on wrong sides, in stages that follow a path. Such stages do not count these rays
+// (optics/wrong_sides.counted.wgsl). The ray fails a guard, and trace_new traces it anew and counts it. Where the path
+// says how its rays cross, media are constants, and compilers remove these guards. Twin of sides.none.wgsl.
 
 fn begin_ray() {
     is_provisional = true;

@@ -1,5 +1,6 @@
-//! Messages on stdin and stdout. A message is its frame: the bytes of the header (u32), the bytes of all arrays (u64),
-//! both little-endian; then the header, an object of JSON in UTF-8; then the arrays, one after the other.
+//! Messages on stdin and stdout. A message begins with its frame: the number of bytes of the header (u32), then of all
+//! arrays (u64), both little-endian. The header follows, an object of JSON in UTF-8. Then come the arrays, one after
+//! the other.
 
 use serde_json::Value;
 use std::io::{self, Read, Write};
@@ -53,7 +54,7 @@ pub fn read(input: &mut impl Read) -> io::Result<Option<Incoming>> {
 /// Writes a message.
 ///
 /// # Errors
-/// Those of the stream.
+/// The errors of the stream.
 pub fn write<'a>(
     output: &mut impl Write,
     header: &Value,

@@ -1,5 +1,5 @@
-//! `nsq-gpu serve`: one process that keeps its device and its compiled shaders, and traces what is asked of it by
-//! messages on stdin and stdout. docs/reference/serve.md describes the messages.
+//! `nsq-gpu serve`: one process that keeps its device and its compiled shaders. Messages on stdin ask for traces, and
+//! answers go to stdout. docs/reference/serve.md describes the messages.
 
 mod frames;
 mod requests;

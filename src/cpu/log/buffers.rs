@@ -17,40 +17,41 @@ use std::time::{Duration, Instant};
 pub struct LogBuffers {
     gpu: Gpu,
     shape: DepositLog,
-    /// What rays on the hot path log, if it is not entries, as of all other rays.
+    /// What rays on the hot path log. `None` if they log entries, as all other rays do.
     path: Option<PathLog>,
     /// The same of the side traces.
     side_traces: Vec<Option<PathLog>>,
-    /// One for each thread that adds up.
+    /// Sums, one for each thread that adds up.
     sums: Vec<DepositSums>,
     /// From an entry of a ray to its next.
     stride: u32,
-    /// They take turns.
+    /// The logs, which take turns.
     buffers: [wgpu::Buffer; NUM_LOGS],
-    /// The next dispatch's.
+    /// The number of the log that the next dispatch gets.
     turn: usize,
-    /// In the order of their turns.
+    /// Logs that are written and not yet added up, in the order of their turns.
     written: VecDeque<Written>,
     /// When the first dispatch of all had ended, as far as was seen.
     first_end: Option<Instant>,
     /// When the last dispatch that was waited for had ended.
     last_end: Option<Instant>,
-    /// Rays of each dispatch that was timed, and what it took, since the last time they were asked for.
+    /// Rays and time of each timed dispatch, since these times were last taken.
     times: Vec<(u32, Duration)>,
     fallback: FallbackQueues,
-    /// Rays of ranges that were added up in this trace, and those of them that failed a guard.
+    /// Rays of ranges that were added up in this trace, and how many of these rays failed a guard.
     num_followed: u64,
     num_failed: u64,
 }
 
-/// So that the entries of a ray lie no power of two apart: such addresses crowd each other out of the caches.
+/// Added to a stride, so that the entries of a ray lie no power of two apart. Such addresses crowd each other out of
+/// the caches.
 const OFF_POWERS_OF_TWO: u32 = 8;
 
 const NUM_LOGS: usize = 2;
 
 /// More threads would wait for memory.
 const MOST_THREADS: usize = 8;
-/// Cells of all threads, whose sums would crowd each other out of the caches if there were more.
+/// Most cells of all threads together. The sums of more would crowd each other out of the caches.
 const MOST_CELLS: usize = 1 << 20;
 /// A thread is not worth its start for fewer entries.
 const LEAST_ENTRIES: usize = 1 << 12;
@@ -69,16 +70,16 @@ struct Written {
 /// Which rays a dispatch traces.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Rays {
-    /// Those of its range, along the hot path if there is one.
+    /// The rays of its range, along the hot path if there is one.
     OfRange,
-    /// Those that failed a guard of the hot path, along a side trace.
+    /// Rays that failed a guard of the hot path, along a side trace.
     OfSide {
         /// Its number.
         side: usize,
-        /// Theirs.
+        /// The ids of the rays.
         ids: Vec<u64>,
     },
-    /// Those that failed a guard of the hot path, by the plain stages.
+    /// Rays that failed a guard of the hot path, by the plain stages.
     Fallback,
 }
 
@@ -116,8 +117,8 @@ impl LogBuffers {
         })
     }
 
-    /// Lets rays that fail a guard of the hot path follow side traces: where that pays, of so many rays that are to be traced,
-    /// if that is known, or always.
+    /// Lets rays that fail a guard of the hot path follow side traces: always, or where a side trace pays.
+    /// `num_expected` is the number of rays to be traced, where that is known.
     pub fn follow_sides(&mut self, side_traces: &[SideTrace], num_expected: Option<u64>, always: bool) {
         self.side_traces = side_traces.iter().map(|side| side.log.clone()).collect();
         self.fallback = FallbackQueues::new(side_traces, num_expected, always);
@@ -164,7 +165,7 @@ impl LogBuffers {
         self.first_end
     }
 
-    /// Rays of each dispatch that was timed and has ended since the last time, and what it took, at most.
+    /// Rays of each timed dispatch that has ended since the last call, and the most that it took.
     pub fn take_times(&mut self) -> Vec<(u32, Duration)> {
         std::mem::take(&mut self.times)
     }
@@ -179,7 +180,7 @@ impl LogBuffers {
         (self.num_followed, self.num_failed) = (0, 0);
     }
 
-    /// Adds up what is still to be.
+    /// Adds up all logs that still wait.
     ///
     /// # Errors
     /// [`Error::Device`] if the device fails.
@@ -195,7 +196,7 @@ impl LogBuffers {
         &mut self.fallback
     }
 
-    /// How many rays of this trace were to keep to the hot path, and how many of them failed a guard.
+    /// How many rays of this trace were to keep to the hot path, and how many of these failed a guard.
     pub fn num_followed_and_failed(&self) -> [u64; 2] {
         [self.num_followed, self.num_failed]
     }
@@ -208,7 +209,7 @@ impl LogBuffers {
     /// The sums since the last time.
     ///
     /// # Errors
-    /// [`Error::Internal`] if those of the threads do not fit together.
+    /// [`Error::Internal`] if the sums of the threads do not fit together.
     pub fn take(&mut self, cells: &Cells) -> Result<DepositSums> {
         let empty = no_sums(self.sums.len(), cells, &self.shape);
         let mut parts = std::mem::replace(&mut self.sums, empty);
@@ -220,13 +221,13 @@ impl LogBuffers {
         Ok(sums)
     }
 
-    /// Adds up the first of those that are written.
+    /// Adds up the first log that is written.
     fn add_up_next(&mut self) -> Result<()> {
         let Some(written) = self.written.pop_front() else { return Ok(()) };
         let log = &self.buffers[written.turn];
         self.gpu.wait_for(written.submission.clone())?;
         let end = Instant::now();
-        // It began when it was submitted, or when the one before had ended.
+        // The dispatch began when it was submitted, or when the one before had ended.
         let start = written.start.map(|start| self.last_end.map_or(start, |last| last.max(start)));
         self.times.extend(start.map(|start| (written.range.count, end.saturating_duration_since(start))));
         self.last_end = Some(end);
@@ -272,8 +273,8 @@ impl LogBuffers {
     }
 }
 
-/// Threads that add up. Lavapipe deals a dispatch out to all processors in equal parts and waits for each: a lone thread
-/// would keep one of them from its part, and then the others wait.
+/// Threads that add up. Lavapipe deals a dispatch out to all processors in equal parts, and waits for each part. A
+/// single thread would keep one processor from its part, and the others would wait.
 fn num_threads(cells: &Cells) -> usize {
     processors::count().min(MOST_THREADS).min(MOST_CELLS / cells.num_cells.max(1) as usize).max(1)
 }
@@ -283,7 +284,7 @@ fn no_sums(num_threads: usize, cells: &Cells, shape: &DepositLog) -> Vec<Deposit
     (0..num_threads).map(|_| DepositSums::new(cells, shape.format)).collect()
 }
 
-/// Adds up what rays logged, a part of them in each thread, and returns those that failed a guard.
+/// Adds up what rays logged, a part of them in each thread, and returns the rays that failed a guard.
 fn add_side_by_side(
     sums: &mut [DepositSums],
     logged: &LoggedRays,

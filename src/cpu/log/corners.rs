@@ -1,5 +1,5 @@
-//! What positions leave on a detector, by the corners between its pixels: the taps of a position lie side by side there,
-//! and are added in one vector. Pixels get it when all is added up.
+//! Sums of logged positions on a detector, one row for each corner between pixels. At a corner the four taps of a
+//! position lie side by side, and are added as one vector. Pixels get their sums when all is added up.
 
 use crate::cpu::log::format::Grid;
 use crate::cpu::log::reals::pixels_at;
@@ -8,9 +8,9 @@ use crate::cpu::log::reals::pixels_at;
 #[derive(Debug)]
 pub struct CornerSums {
     grid: Grid,
-    /// Four of each corner, in the order of its taps.
+    /// Four sums for each corner, in the order of its taps.
     words: Vec<u64>,
-    /// The first of them: no corner lies in two lines of a cache.
+    /// Where the first corner begins, so that no corner lies in two lines of a cache.
     start: usize,
 }
 
@@ -18,21 +18,21 @@ pub struct CornerSums {
 const TAPS: usize = 4;
 
 impl CornerSums {
-    /// None yet.
+    /// Sums of 0.
     pub fn new(grid: Grid) -> Self {
         let num_corners: usize = grid.size.iter().map(|&num_pixels| num_pixels as usize + 1).product();
-        // Words of zero come from the allocator untouched, which larger types do not: so the first corner is put right here.
+        // The allocator gives words of zero untouched, but not larger types. So the first corner is aligned here.
         let words = vec![0; TAPS * (num_corners + 1)];
         let start = words.as_ptr().align_offset(TAPS * size_of::<u64>()).min(TAPS);
         CornerSums { grid, words, start }
     }
 
-    /// Those of this grid.
+    /// Whether these are the sums of this grid.
     pub fn are_of(&self, grid: &Grid) -> bool {
         self.grid == *grid
     }
 
-    /// Adds to the taps of a corner what is below 2^63, and tells whether a sum has lost a carry.
+    /// Adds quanta below 2^63 to the taps of a corner. The result is whether a sum has lost a carry.
     #[inline(always)]
     pub fn add(&mut self, corner: u32, quanta: [u64; TAPS]) -> Option<bool> {
         let first = self.start + TAPS * corner as usize;

@@ -28,7 +28,7 @@ pub struct DepositSums {
 pub struct LoggedRays<'a> {
     /// The log's words.
     pub bytes: &'a [u8],
-    /// Those of them to add, by their numbers in the dispatch.
+    /// The rays to add, by their numbers in the dispatch.
     pub rays: Range<usize>,
     /// From an entry of a ray to its next.
     pub stride: usize,
@@ -75,7 +75,7 @@ impl DepositSums {
             .try_for_each(|(cell, quanta)| self.quanta.add_low(cell, quanta))
     }
 
-    /// Quanta per cell, when all have come to them; none where they follow from the counts.
+    /// Quanta per cell, after [`DepositSums::settle`]. Empty where quanta follow from the counts.
     pub fn quanta(&self) -> impl Iterator<Item = u128> {
         debug_assert!(self.corners.is_empty());
         let words = self.quanta.low.iter().zip(&self.quanta.high);
@@ -112,7 +112,7 @@ impl DepositSums {
         }
     }
 
-    /// Adds what others have summed up, who have settled.
+    /// Adds the sums of another thread, which has settled.
     pub fn merge(&mut self, other: &DepositSums) -> Option<()> {
         debug_assert!(other.corners.is_empty());
         for (count, more) in self.counts.iter_mut().zip(&other.counts) {
@@ -274,7 +274,7 @@ impl DepositSums {
         Some(())
     }
 
-    /// What is no position, or a position with any weight.
+    /// Adds an entry that is no position, or a position with any weight.
     fn add_other<E: PositionEntry>(
         &mut self,
         entry: &E,
@@ -327,7 +327,7 @@ impl DepositSums {
         Some(())
     }
 
-    /// The taps of an end that tells which they are.
+    /// The taps of an end whose bits say which taps these are.
     #[inline(always)]
     fn add_taps_of<T: Real>(&mut self, end: End<T>, grid: &Grid) -> Option<()> {
         let first = (end.what & CELL_MASK) as usize;
@@ -371,7 +371,7 @@ impl DepositSums {
         self.quanta.add(cells[3], rest)
     }
 
-    /// Quanta of a weight; what no sum can hold is counted, and is none.
+    /// Quanta of a weight. A weight that no sum can hold is counted as invalid, and has 0 quanta.
     fn quanta_of(&mut self, weight: f64) -> Option<u128> {
         let quanta = quantize(weight);
         if quanta.is_none() {
@@ -497,8 +497,8 @@ mod tests {
 
     #[test]
     fn positions_share_the_weight_in_every_form() {
-        // Between the first and the second column and row, where the pixel that was hit lies behind; in the middle of a
-        // pixel; before the first pixel and behind the last.
+        // Four places. First, between two columns and two rows, where the pixel that was hit lies behind. Then the
+        // middle of a pixel, before the first pixel, and behind the last.
         let places = [[0.75 * HIT_NEXT, 0.5], [2.0, 1.0], [-0.25, -0.5], [2.25, 1.25]];
         // One more than two blocks.
         let many: Vec<[f64; 2]> = places.iter().copied().cycle().take(129).collect();
@@ -540,10 +540,11 @@ mod tests {
 
     #[test]
     fn sums_at_corners_carry_each_by_itself() {
-        // Of 2^62 quanta, three quarters lie in the first tap, whose sum loses two carries; that of the second loses none.
+        // Of 2^62 quanta, three quarters lie in the first tap, whose sum loses two carries. The sum of the second tap
+        // loses none.
         let (large, num) = (1024.0, 15);
         let left = vec![[0.25, 0.0, large]; num];
-        // And those of two corners that share a pixel, which only lose one together.
+        // Two corners that share a pixel: only together do their sums lose a carry.
         let shared = [vec![[1.0, 0.0, large]; 3], vec![[1.0, -0.25, large]; 3]].concat();
         let all = |num: u128| num * 1024 * UNIT;
         for (entries, expected) in [(left, [all(15) / 4 * 3, all(15) / 4, 0]), (shared, [0, all(6), 0])] {

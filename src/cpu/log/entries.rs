@@ -1,5 +1,5 @@
-//! Entries of the deposit log, as they lie in memory (shaders/cpu/log/entries.*.wgsl); those that are positions are in
-//! [`crate::cpu::log::positions`].
+//! Entries of the deposit log, as they lie in memory (shaders/cpu/log/entries.*.wgsl). [`crate::cpu::log::positions`]
+//! has the entries that are positions.
 
 use crate::cpu::log::format::CELL_BITS;
 use crate::cpu::log::reals::Real;
@@ -14,17 +14,17 @@ pub const NEXT_COLUMN: u32 = 1 << 22;
 pub const NEXT_ROW: u32 = 1 << 23;
 /// The pixel that was hit lies in the next column.
 pub const HIT_NEXT_COLUMN: u32 = 1 << 24;
-/// It lies in the next row.
+/// The pixel that was hit lies in the next row.
 pub const HIT_NEXT_ROW: u32 = 1 << 25;
 /// The cell takes the whole weight.
 pub const IN_CELL: u32 = 1 << 26;
-/// Four taps share it.
+/// Four taps share the weight.
 pub const IN_TAPS: u32 = 1 << 27;
 /// The ray had no place.
 pub const WITHOUT_POSITION: u32 = 1 << 28;
 /// The ray goes on.
 pub const PASSES: u32 = 1 << 29;
-/// It failed a guard of the hot path; the low bits are the event of the path at which it did.
+/// The ray failed a guard of the hot path. The low bits are the event of that guard.
 pub const GUARD_FAILED: u32 = 1 << 30;
 
 /// An entry of the log.
@@ -46,7 +46,7 @@ pub trait Entry: Pod {
     /// Sums follow from counts.
     const IS_COUNTED: bool = false;
 
-    /// What it says.
+    /// The end that the entry records.
     fn read(&self) -> End<Self::Real>;
 }
 

@@ -16,10 +16,10 @@ const MAX_LOGGED_DEPTH: u32 = 255;
 pub struct DepositLog {
     /// How an entry is written.
     pub format: EntryFormat,
-    /// What entries tell of bilinear taps.
+    /// What entries say about bilinear taps.
     pub taps: LoggedTaps,
-    /// Most entries of a ray that passes detectors, beside that of its end; 0 where the device adds up what rays leave in
-    /// passing.
+    /// Most entries of a ray that passes detectors, beside the entry of its end. Zero where the device adds up what
+    /// rays leave in passing.
     pub max_passes: u32,
     /// Per detector, from the first cell on.
     pub grids: Vec<Grid>,
@@ -38,14 +38,14 @@ pub enum EntryFormat {
     Reals,
 }
 
-/// What entries tell of bilinear taps.
+/// What entries say about bilinear taps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LoggedTaps {
-    /// Nothing: no detector has any.
+    /// Nothing: no detector has bilinear taps.
     None,
     /// Which cells they are, and how far between them the position is.
     Fractions,
-    /// The position alone, on the only detector that has any.
+    /// The position alone, on the only detector that has bilinear taps.
     Positions {
         /// Its grid.
         grid: Grid,
@@ -67,7 +67,7 @@ pub struct Grid {
     pub size: [u32; 2],
 }
 
-/// What spreads over many pixels the device adds up.
+/// True of a detector whose rays spread over many pixels. The device adds these up.
 fn is_gaussian(kind: &DetectorKind) -> bool {
     kind.grid().is_some_and(|grid| matches!(grid.splat, Splat::Gaussian { .. }))
 }
@@ -77,7 +77,7 @@ pub fn logs_passes(detector: &Detector, max_depth: u32) -> bool {
     !detector.absorb && !is_gaussian(&detector.kind) && max_depth <= MAX_LOGGED_DEPTH
 }
 
-/// A position has no room for the detector, or for whether the ray passes.
+/// What entries say about taps. A position has no room for the detector, or for whether the ray passes.
 fn taps(ir: &SceneIr, grids: &[Grid], max_passes: u32, keeps_weight: bool) -> LoggedTaps {
     let bilinear =
         |detector: &Detector| detector.kind.grid().is_some_and(|grid| grid.splat == Splat::Bilinear);
@@ -92,9 +92,10 @@ fn taps(ir: &SceneIr, grids: &[Grid], max_passes: u32, keeps_weight: bool) -> Lo
 }
 
 impl DepositLog {
-    /// The log of a scene. None where rays are split, because a launched ray then has many ends; where there are so many
-    /// cells, or replicates of them, that the host would not find them in its caches; and none of pairs of f32, nor of f32 on
-    /// a driver without 64-bit integers, such as SwiftShader, where the device adds up.
+    /// The log of a scene. `None` where the device adds up: always in pairs of f32, and in f32 on a driver without
+    /// 64-bit integers, such as SwiftShader. The device also adds up where rays are split, because a launched ray then
+    /// has many ends. Where cells or their replicates are many, the host's caches would not hold them, and the device
+    /// adds up.
     pub fn of(
         ir: &SceneIr,
         features: &Features,

@@ -1,6 +1,6 @@
-//! Ends that are logged as positions on a detector (`LOGS_POSITIONS` in shaders/cpu/log/entries.*.wgsl): between which pixels they
-//! lie, and how many quanta each of these takes, for a block of rays at once and without branches, so that it is
-//! compiled to vectors.
+//! Ends that are logged as positions on a detector (`LOGS_POSITIONS` in shaders/cpu/log/entries.*.wgsl). For each
+//! position this module finds the four pixels around it, and how many quanta each pixel takes. A block of rays is laid
+//! out at once and without branches, so that the code is compiled to vectors.
 
 use crate::cpu::log::bits::bits;
 use crate::cpu::log::entries::End;
@@ -11,7 +11,7 @@ use bytemuck::Pod;
 /// Rays of a block.
 pub const BLOCK: usize = 64;
 
-/// Where the rays of a block leave how much.
+/// Where the rays of a block leave weight, and how much.
 #[derive(Debug)]
 pub struct Block<T> {
     /// The pixels that were hit.
@@ -27,7 +27,7 @@ pub struct Block<T> {
     parts: [[T; BLOCK]; 3],
 }
 
-/// The taps of a position on a map whose pixels have one cell each, as those of irradiance have (`bilinear_taps` in
+/// The taps of a position on a map whose pixels have one cell each, as pixels of irradiance have (`bilinear_taps` in
 /// splat.wgsl).
 #[derive(Debug, Clone, Copy)]
 pub struct PositionTaps<T> {
@@ -39,7 +39,7 @@ pub struct PositionTaps<T> {
     pub corner: u32,
     /// How far the position is from the first to the next, by columns and by rows.
     pub fractions: [T; 2],
-    /// It is one of numbers.
+    /// The position is not NaN.
     pub is_number: bool,
 }
 
@@ -85,7 +85,7 @@ impl<T> PositionTaps<T> {
 }
 
 impl<T: Real> Block<T> {
-    /// An empty one.
+    /// An empty block.
     pub fn new() -> Self {
         let zero = T::nearest(0.0);
         Block {
@@ -98,13 +98,13 @@ impl<T: Real> Block<T> {
         }
     }
 
-    /// Quanta that some rays leave together, a bit each, who are not among the others.
+    /// Quanta that some rays leave together. `rays` has a bit for each ray, and none of [`Block::others`].
     pub fn total(&self, rays: u64) -> u128 {
         bits(rays).map(|ray| u128::from(self.quanta[ray].iter().sum::<u64>())).sum()
     }
 
-    /// Lays out what at most [`BLOCK`] rays have logged, who leave each of these weights; where they log their own, there is
-    /// one, which counts for nothing but that.
+    /// Lays out what at most [`BLOCK`] rays have logged. Each ray leaves each of these weights. Where rays log their
+    /// own weights, `weights` has one element, whose value means nothing.
     pub fn lay_out<E: PositionEntry<Real = T>>(&mut self, entries: &[E], weights: &[T], grid: &Grid) {
         match entries.try_into() {
             Ok(entries) => self.lay_out_all(entries, weights, grid),
@@ -193,7 +193,7 @@ impl<T: Real> Block<T> {
         }
     }
 
-    /// Shares a weight among the taps of each ray, which get what is `made` of what they have and take.
+    /// Shares a weight among the taps of each ray. `made` gives a tap's new quanta, from what it had and what it takes.
     #[inline(always)]
     fn share_any(&mut self, weight: impl Fn(usize) -> T, made: impl Fn(u64, u64) -> u64) {
         if (0..BLOCK).all(|i| weight(i).is_at_most_one()) {
@@ -236,7 +236,7 @@ macro_rules! position_entry {
             }
 
             fn end(&self, born: $real) -> End<$real> {
-                // An f32 has the bits of it, an f64 the number.
+                // What the end is: the bits of an f32, or the number of an f64.
                 End { what: self[1] as u32, weight: self.weight(born), fractions: [0.0; 2] }
             }
         }

@@ -2,31 +2,32 @@
 
 use crate::engine::sums::QUANTA_PER_UNIT;
 
-// How a position is written (ends.logged.wgsl). By columns, and by rows alike: times HIT_NEXT where the pixel that was hit
-// is the second of the two that it lies between. At the edge of the map or, by the roundings of a place far from the scene's
-// centre, beyond, both are the same pixel, marked or not. A position of 0, which HIT_NEXT cannot mark, is the middle of
-// the first pixel: the one that was hit.
+// How a position is written (ends.logged.wgsl), by columns and by rows alike. A position lies between two pixels. Where
+// the ray hit the second one, the position is multiplied by HIT_NEXT. At the edge of the map both pixels are the same
+// one, marked or not. Beyond the edge, where roundings may lead far from the scene's centre, both are that pixel, too.
+// A position of 0, which HIT_NEXT cannot mark, is the middle of the first pixel, which was hit.
 /// `HIT_NEXT` in ends.logged.wgsl.
 pub const HIT_NEXT: f64 = 79228162514264337593543950336.0;
 /// Positions between two pixels are smaller, and larger times [`HIT_NEXT`].
 pub const LAST_POSITION: f64 = (1 << 30) as f64;
-/// `OFF_DETECTORS` there: the column of what is no position; beyond the map, and not marked, as such a position is.
+/// `OFF_DETECTORS` in ends.logged.wgsl: the column of an entry that is no position. A true position so far beyond the
+/// map would be marked.
 pub const OFF_DETECTORS: f64 = -1.25;
 
 /// The taps of a position along one axis.
 #[derive(Debug, Clone, Copy)]
 pub struct AxisTaps<T> {
-    /// The pixel before it.
+    /// The pixel before the position.
     pub first: u32,
-    /// The one behind it: the same at the edges and beyond.
+    /// The pixel behind the position: the same one at the edges and beyond.
     pub next: u32,
-    /// The one that was hit.
+    /// The pixel that was hit.
     pub hit: u32,
     /// The corner between them: 0 before the first pixel of all, their number behind the last.
     pub corner: u32,
-    /// How far from the first to the next it is, in 0..=1.
+    /// How far the position is from the first pixel to the next, in 0..=1.
     pub fraction: T,
-    /// It is a number.
+    /// The position is not NaN.
     pub is_number: bool,
 }
 
@@ -43,7 +44,7 @@ pub trait Real: Copy + Into<f64> {
     /// A number as the device has it.
     fn nearest(value: f64) -> Self;
 
-    /// Whether it lies in 0..=1: a weight whose quanta an f64 tells apart, or a fraction.
+    /// Whether it lies in 0..=1: a fraction, or a weight whose quanta an f64 holds exactly.
     fn is_at_most_one(self) -> bool;
 
     /// What the first three taps take of a weight of 1 (`first_shares` in splat.wgsl, in its very operations).
@@ -52,8 +53,9 @@ pub trait Real: Copy + Into<f64> {
     /// The same of any weight.
     fn first_shares(weight: Self, parts: [Self; 3]) -> [Self; 3];
 
-    /// Quanta of the taps of an end whose first taps take these parts, in 0..=1, and whether it is so: whether the weight is
-    /// below [`Real::LIMIT`]. The last tap takes what the others left (`deposit_taps` in splat.wgsl). `AT_MOST_ONE`: the weight is.
+    /// Quanta of the taps of an end whose first taps take these parts, in 0..=1. The flag beside these quanta is true
+    /// where they hold: the weight is below [`Real::LIMIT`]. The last tap takes what the others left (`deposit_taps` in
+    /// splat.wgsl). `AT_MOST_ONE`: the weight is at most 1.
     fn quanta<const AT_MOST_ONE: bool>(weight: Self, parts: [Self; 3]) -> ([u64; 4], bool);
 
     /// The whole part of a number in 0..2^63.
@@ -63,12 +65,12 @@ pub trait Real: Copy + Into<f64> {
     /// ends.logged.wgsl).
     fn tap(self, num_pixels: u32) -> AxisTaps<Self>;
 
-    /// What is logged with it in place of a column is no position.
+    /// True if an entry with this in place of a column is no position.
     fn is_off_detectors(self) -> bool;
 }
 
-/// The whole part of a number in 0..=2^52. Where numbers are that large, they are whole: the sum is rounded to one, and its
-/// last bits are those of an integer. Few processors convert vectors to 64-bit integers.
+/// The whole part of a number in 0..=2^52. Numbers as large as 2^52 are whole. So the sum is rounded to a whole number,
+/// and its last bits are the bits of an integer. Few processors convert vectors to 64-bit integers.
 #[inline(always)]
 fn whole_part(number: f64) -> i64 {
     const LARGE: f64 = (1_u64 << 52) as f64;

@@ -14,11 +14,11 @@ use crate::program::wgsl::composition::Composition;
 use crate::shaders::{ShaderFile, shader};
 use std::fmt::Write;
 
-/// In a statement, behind the name of what each ray has for itself: it stands for the ray.
+/// Stands for the ray in a statement, behind the name of a variable that each ray has for itself.
 const RAY: char = '@';
 /// A ray that an invocation follows alone.
 const ALONE: &str = "";
-/// Those that it follows side by side.
+/// The two rays that an invocation follows side by side.
 const PAIR: [&str; 2] = ["_a", "_b"];
 
 /// What a stage does with each of its rays.
@@ -58,7 +58,7 @@ struct State {
 }
 
 impl State {
-    /// Those that a file of shaders/ declares.
+    /// The variables that a file of shaders/ declares.
     fn declared_in(file: ShaderFile) -> impl Iterator<Item = State> {
         file.text.lines().filter_map(|line| {
             let (name, rest) = line.strip_prefix("var<private> ")?.split_once(": ")?;
@@ -75,7 +75,7 @@ pub(crate) struct Stages<'a> {
 }
 
 impl Stages<'_> {
-    /// All of them: that of the hot path, then those of the side traces.
+    /// The text of all stages: first the hot path, then the side traces.
     pub(crate) fn text(&self) -> Result<String> {
         let extension = self.extension;
         let Some(hot_path) = &extension.hot_path else { return Ok(String::new()) };
@@ -91,7 +91,7 @@ impl Stages<'_> {
         Ok(text)
     }
 
-    /// The stage of a path, whose rays are those of the range, or, on a side trace, of those that are listed.
+    /// The stage of a path: for rays of the range or, on a side trace, for rays of a list.
     fn path_stage(&self, number: usize, entry_point: &str, walk: &Walk) -> String {
         let key = if number == 0 { "key_in_range" } else { "key_of" };
         let follow = match self.extension.rays_per_invocation {
@@ -151,8 +151,8 @@ impl Stages<'_> {
         text
     }
 
-    /// A path: per event, the nearest of the primitives that can be met before the next one of the path, if the ray is clear of
-    /// those that are not searched.
+    /// A path. Each event finds the nearest of the primitives that can be met before the path's next one. A guard
+    /// checks that the ray misses the primitives that are not searched.
     fn walk(&self, number: usize, path: &HotPath, path_log: Option<&PathLog>) -> Result<Walk> {
         let mut functions = String::new();
         let mut statements = vec!["var holds@ = true;".to_string()];
@@ -261,7 +261,7 @@ impl Stages<'_> {
         })
     }
 
-    /// A function that tells whether a ray is clear of what is passed until it has gone `distance`.
+    /// A function that is true if a ray misses all that is passed until it has gone `distance`.
     fn misses_all(&self, head: &str, passed: &[(usize, MissTest)]) -> Result<String> {
         let primitives = crate::model::primitives::primitives(self.composition.ir);
         let mut text = format!("fn {head} -> bool {{\n    var misses = true;\n");
@@ -272,7 +272,7 @@ impl Stages<'_> {
         Ok(text)
     }
 
-    /// A call that tells whether the ray is clear of one of them.
+    /// A call that is true if the ray misses one of them.
     fn misses(&self, (frame, shape): &(Frame, Shape), miss_test: MissTest) -> Result<String> {
         let (o, d) = self.composition.in_frame(frame)?;
         let (keeps_pace, distance) = match miss_test.exit {

@@ -6,10 +6,10 @@ use crate::cpu::path::pays;
 use crate::cpu::path::side_trace::SideTrace;
 use crate::program::RayRange;
 
-/// A stage for so many rays saves what it takes to compile: 0.06 s for a lens, 0.5 s for a double Gauss, on lavapipe. Of 2^17
-/// to 2^21 this number was the best for a lens, a triplet and a double Gauss together, in traces of 5e6 to 1e8 rays. Where
-/// nobody knows how many are to come, as many are awaited, so that a stage never costs more than once again what is lost
-/// without it.
+/// A stage for so many rays saves what it takes to compile: 0.06 s for a lens, 0.5 s for a double Gauss, on lavapipe.
+/// Of 2^17 to 2^21 this number was the best for a lens, a triplet and a double Gauss together. Traces had 5e6 to 1e8
+/// rays. Where nobody knows how many rays will come, a stage waits until as many have come. So a stage at most doubles
+/// what is lost without it.
 const STAGE_PAYS: f64 = (1 << 19) as f64;
 
 /// Fewer rays of a side trace are sooner traced with others: a dispatch of their own takes longer than is saved.
@@ -34,15 +34,16 @@ struct Side {
     /// Of all rays, by the profile.
     share: f64,
     is_always_followed: bool,
-    /// Rays of this trace that were to keep to it, and those of them that failed a guard.
+    /// Rays of this trace that were to keep to the side trace, and how many of these rays failed a guard.
     followed_and_failed: [u64; 2],
 }
 
 /// Ids of rays.
 #[derive(Debug)]
 struct Waiting {
-    /// Per event of the hot path whose guard they failed, or the number of its events where that is seen at the end: their
-    /// ways are alike, and wide machines wait for the longest of those that they trace side by side.
+    /// Per event of the hot path whose guard the rays failed. The last element is for guards at the end of the path.
+    /// Such rays go alike, which matters because wide machines wait for the longest of the rays that they trace side by
+    /// side.
     by_event: [Vec<u64>; MAX_EVENTS as usize + 1],
     /// Per side trace.
     by_side: Vec<Vec<u64>>,
@@ -57,8 +58,8 @@ impl Side {
 }
 
 impl FallbackQueues {
-    /// None yet, of so many rays that are to be traced, if that is known. `are_always_followed`: side traces are, whether that
-    /// pays or not.
+    /// Empty queues. `num_expected`: how many rays are to be traced, if that is known. `are_always_followed`: side
+    /// traces are followed whether or not they pay.
     pub fn new(side_traces: &[SideTrace], num_expected: Option<u64>, are_always_followed: bool) -> Self {
         let sides = side_traces.iter().map(|side| Side {
             fails_at: side.fails_at,
@@ -69,7 +70,7 @@ impl FallbackQueues {
         FallbackQueues { sides: sides.collect(), num_expected, num_followed: 0, waiting: Vec::new() }
     }
 
-    /// Begins a trace: forgets those that wait.
+    /// Begins a trace: forgets the rays that wait.
     pub fn discard(&mut self) {
         self.waiting.clear();
         self.sides.iter_mut().for_each(|side| side.followed_and_failed = [0, 0]);
@@ -87,8 +88,8 @@ impl FallbackQueues {
         }
     }
 
-    /// Takes note of rays that failed a guard of a side trace, of all those with these ids: they follow the next one from
-    /// the same event.
+    /// Takes note of the rays that failed a guard of a side trace, by their numbers among these ids. Such rays follow
+    /// the next side trace from the same event.
     pub fn add_of_side(
         &mut self,
         side: usize,
@@ -109,7 +110,7 @@ impl FallbackQueues {
         })
     }
 
-    /// The first side trace, from this one on, that rays follow which failed the guard of an event.
+    /// The first side trace, from number `first` on, for rays that failed the guard of this event.
     fn side_at(&self, event: usize, first: usize) -> Option<usize> {
         let num_rays = self.num_expected.unwrap_or(0).max(self.num_followed);
         let is_there = |side: &Side| side.fails_at == event && side.pays(num_rays);
@@ -122,7 +123,7 @@ impl FallbackQueues {
         self.of(range.source).by_event[0].extend(range.first..range.first + u64::from(range.count));
     }
 
-    /// Lets no rays follow a side trace who are too few for that, when no more will come.
+    /// Called when the last rays have come. Rays that are too few for their side trace fall back on the plain stages.
     pub fn give_up_few(&mut self) {
         for (side, Side { fails_at, is_always_followed, .. }) in self.sides.iter().enumerate() {
             let least = if *is_always_followed { 1 } else { LEAST_ALONE };
@@ -134,7 +135,7 @@ impl FallbackQueues {
         }
     }
 
-    /// How many of a source wait for trace_new.
+    /// How many rays of a source wait for trace_new.
     pub fn num(&self, source: usize) -> usize {
         self.waiting.get(source).into_iter().flat_map(|waiting| &waiting.by_event).map(Vec::len).sum()
     }
@@ -158,7 +159,7 @@ impl FallbackQueues {
         Some((number, ids.drain(ids.len().saturating_sub(most)..).collect()))
     }
 
-    /// Of each side trace, how many rays of this trace were to keep to it, and how many of them failed a guard.
+    /// For each side trace, how many rays of this trace were to keep to it, and how many of these failed a guard.
     pub fn num_along_sides(&self) -> impl Iterator<Item = [u64; 2]> {
         self.sides.iter().map(|side| side.followed_and_failed)
     }
@@ -175,7 +176,7 @@ impl FallbackQueues {
 }
 
 impl Waiting {
-    /// Those that follow a side trace, or else those that failed the guard of an event.
+    /// The rays that wait for a side trace or, without one, the rays that failed the guard of an event.
     fn list(&mut self, side: Option<usize>, event: usize) -> &mut Vec<u64> {
         match side {
             Some(side) => &mut self.by_side[side],

@@ -1,5 +1,5 @@
-//! How rays follow paths: all of them the hot path first, those that fail its guards a side trace, and the others the plain
-//! stages.
+//! How rays follow paths. All rays follow the hot path first. Rays that fail one of its guards follow a side trace, or
+//! the plain stages.
 
 use crate::cpu::log::buffers::{LogBuffers, Rays};
 use crate::cpu::path::pays;
@@ -19,8 +19,8 @@ impl Cpu {
             || self.logs.as_ref().is_none_or(pays)
     }
 
-    /// Traces rays of a source that failed a guard of the hot path along side traces, while so many wait for these; false if
-    /// there were fewer.
+    /// Traces rays of a source that failed a guard of the hot path along a side trace, if so many wait for one. False
+    /// if fewer wait.
     pub(in crate::cpu) fn follow_sides(
         &mut self,
         engine: &mut Engine,
@@ -49,7 +49,8 @@ impl Cpu {
         Ok(were_any)
     }
 
-    /// Traces the rays of a source that failed a guard of the hot path and that follow no other, while so many wait.
+    /// Traces by the plain stages the rays of a source that failed a guard and wait for no side trace, while so many
+    /// wait.
     pub(in crate::cpu) fn trace_fallback(
         &mut self,
         engine: &mut Engine,

@@ -1,9 +1,9 @@
 //! The hot path: what most rays of a scene do, which shaders/cpu/path/hot_path.wgsl follows without a loop.
 //!
-//! Between two events of the path a ray stays in the box around what it leaves and what it meets next; a primitive whose
-//! box lies apart from that one cannot come between, and is not asked. The boxes are those of the tree (crate::program::geometry::tree),
-//! with the same room for roundings. Of the others, those that nearly all profiled rays miss are not searched: a
-//! miss test proves that each ray misses them (crate::cpu::path::miss_test).
+//! Between two faces of a lens no other face of it needs a search. The ray stays in the box around the two primitives
+//! of an event and the next. A primitive whose box lies apart cannot come between, and is not asked. Boxes and their
+//! room for roundings are the tree's (crate::program::geometry::tree). A primitive in the box is not searched either,
+//! if nearly all profiled rays miss it. A miss test then proves that each ray misses it (crate::cpu::path::miss_test).
 
 use crate::cpu::log::format::{self, DepositLog};
 use crate::cpu::path::miss_test::{self, MissTest, ProfiledRays};
@@ -18,10 +18,10 @@ use obvhs::aabb::Aabb;
 /// A longer path is not followed: its code would grow with it.
 pub const MAX_EVENTS: u32 = 32;
 
-/// Nor one on whose way so much is to be looked at.
+/// A path on which more primitives are to be looked at is not followed either.
 const MOST_LOOKED_AT: usize = 256;
 
-/// Nor one behind which so much is to be missed: a tree is sooner searched.
+/// A path behind which more primitives are to be missed is not followed either: a tree is sooner searched.
 const MOST_MISSED: usize = 24;
 
 /// Assumptions pay as long as all of them hold for this share of the rays: the others are traced twice.
@@ -52,9 +52,10 @@ pub struct HotPathEvent {
     pub primitive: usize,
     /// The ray ends on it.
     pub ends: bool,
-    /// It, and what else is searched because it can be met before it: ascending.
+    /// The primitives that are searched, ascending: this one, and all that can be met before it.
     pub candidates: Vec<usize>,
-    /// Of the primitive, a conic, the crossing is met that is nearer to the line's closest approach to its origin.
+    /// The primitive is a conic, and rays meet its crossing that is nearer to their line's closest approach to its
+    /// origin.
     pub at_nearer_crossing: bool,
     /// Other primitives that could be met before it, each with the test that proves a miss.
     pub passed: Vec<(usize, MissTest)>,
@@ -88,8 +89,8 @@ impl HotPath {
         let is_full = primitives.len() == options.max_depth as usize && goes_on(last);
         let has_end = if *escapes { goes_on(last) && !is_full } else { ends(ir, last) || is_full };
         let goes = has_end && before.iter().all(|&i| goes_on(i));
-        // Of three faces within the tolerance, two of them in contact, it depends on their order which is the nearest; a
-        // tree keeps none.
+        // Of three faces within the tolerance, two of them in contact, their order decides which is the nearest. A tree
+        // keeps no order.
         let has_order = !contacts.has_groups() || options.tree_primitives(ir).is_empty();
         if !(fits && goes && has_order && is_possible(ir, options)) {
             return None;
@@ -170,7 +171,7 @@ fn crossing(
 
 /// The way of a path's rays to one of its events.
 struct Leg {
-    /// The primitive that it begins on; none where rays are born.
+    /// The primitive that it begins on. `None` where rays are born.
     leaves: Option<usize>,
     /// The one that it ends on.
     primitive: usize,
@@ -205,8 +206,8 @@ fn legs(births: Option<Aabb>, primitives: &[usize], boxes: &[Option<Aabb>]) -> i
     })
 }
 
-/// Whether a stage can follow a path, if there is one, without a trace of the rays that fail its guards: the log must name
-/// them, and nothing that rays meet on their way may go to memory at once.
+/// Whether a stage can follow a path, if there is one, so that rays that fail its guards leave no trace. The log must
+/// name these rays, and nothing that rays meet on their way may go to memory at once.
 pub fn is_possible(ir: &SceneIr, options: &ProgramOptions) -> bool {
     let features = Features::of(ir, &options.weights, options.roulette_threshold, options.max_depth);
     let cells = Cells::of(ir);

@@ -1,11 +1,12 @@
 //! Cheap tests that prove a ray segment misses a primitive, without the root and quotient of an intersection
 //! (`shaders/cpu/path/miss_tests.wgsl`).
 //!
-//! Each miss test is sufficient: where it holds, the search finds nothing on the segment, whatever it rounds. Along a ray
-//! a quadric is F(t) = a t^2 + 2 g t + f, and what the search takes for a crossing at t has an |F(t)| of a few roundings
-//! of M = |radial| S^2 + |axial| S^2 + 2 |offset| S + |constant|, where S is the largest length on the segment: both
-//! quotients of the citardauq formula are backward stable (Higham, Accuracy and Stability of Numerical Algorithms, 2nd
-//! ed., section 1.8). So an |F| of [`ROUNDINGS`] of them all along the segment shows that it holds no crossing.
+//! Each miss test is sufficient: where it holds, the search finds nothing on the segment, whatever the search rounds.
+//! Along a ray a quadric is F(t) = a t^2 + 2 g t + f. Let S be the largest length on the segment, and let M be
+//! `|radial| S^2 + |axial| S^2 + 2 |offset| S + |constant|`. What the search takes for a crossing at t has an |F(t)| of
+//! a few roundings of M. The reason is that both quotients of the citardauq formula are backward stable (Higham,
+//! Accuracy and Stability of Numerical Algorithms, 2nd ed., section 1.8). So an |F| of [`ROUNDINGS`] roundings all
+//! along the segment shows that the segment holds no crossing.
 
 use crate::cpu::path::sampled_path::SampledPath;
 use crate::model::shapes::{Quadric, Slab};
@@ -13,8 +14,8 @@ use crate::model::{Frame, Shape, ShapeKind};
 use crate::program::Precision;
 use glam::DVec3;
 
-/// A miss test leaves room for so many roundings of M; the search makes some fifty, and what looks at the far end of a
-/// segment some ten times as many: its length may be 6 S, twice S at the highest of [`PACES`].
+/// A miss test leaves room for so many roundings of M. The search makes some fifty. A test at the far end of a segment
+/// makes some ten times as many. The segment's length may be 6 S, twice S at the highest of [`PACES`].
 const ROUNDINGS: f64 = 1024.0;
 
 /// How far rays may go, at most, while they go 1 along z ([`Exit::pace`]): the least that nearly all keep to is taken.
@@ -25,7 +26,7 @@ const PACES: [f64; 3] = [1.05, 1.5, 3.0];
 pub struct MissTest {
     /// What proves it.
     pub sign: Sign,
-    /// Where the segment ends; where there is none, it ends at the next event.
+    /// Where the segment ends. `None`: at the next event.
     pub exit: Option<Exit>,
 }
 
@@ -82,10 +83,11 @@ struct Along {
 }
 
 impl MissTest {
-    /// The cheapest one of a primitive that holds for nearly all profiled rays, on a segment that ends at the next event, if
-    /// `ends`, or nowhere. `None` if none does. `leaving`: the segment begins on the primitive. Of a segment that ends, no corner of its
-    /// box is farther from the frame's origin than `size` \[mm\]: what a ray meets beyond lies behind the event. Of one that
-    /// ends nowhere, nor is one of the primitive's box.
+    /// The cheapest test of a primitive that holds for nearly all profiled rays. `None` if no test does. `ends`: the
+    /// segment ends at the next event; otherwise it ends nowhere. `leaving`: the segment begins on the primitive.
+    /// `size` \[mm\] is the largest distance of a box's corner from the frame's origin. The box is the segment's,
+    /// because what a ray meets beyond lies behind the event. For a segment that ends nowhere, `size` covers the
+    /// primitive's box, too.
     pub fn of(
         (frame, shape): &(Frame, Shape),
         leaving: bool,
@@ -155,17 +157,18 @@ impl Exit {
         direction.z * self.pace >= 1.0
     }
 
-    /// The most that a ray goes to there; it is not positive where the ray is beyond.
+    /// The most that a ray goes to its exit. Not positive for a ray that is beyond.
     fn distance(&self, from: DVec3) -> f64 {
         (self.plane - from.z) * self.pace
     }
 }
 
-/// Where rays may leave a slab, those first that keep closest to its normal, as far as it matters for a sign.
+/// Where rays may leave a slab, as far as it matters for a sign. Exits of rays that keep closest to the slab's normal
+/// come first.
 fn exits(sign: Sign, slab: Option<[f64; 2]>) -> impl Iterator<Item = Exit> {
     let paces = match sign {
         Sign::Beside { .. } => &[][..],
-        // It goes no way to its exit.
+        // The ray is beyond its exit, so its pace does not count.
         Sign::Past => &PACES[PACES.len() - 1..],
         Sign::Leaves | Sign::Inside { .. } | Sign::Off { .. } => &PACES,
     };
@@ -187,8 +190,9 @@ impl Segment {
     }
 }
 
-/// Whether nearly all rays end their segments on a conic at the crossing that is nearer to their line's closest approach to
-/// its origin, and are seen to do so (`nearer_conic_distance` in the shader).
+/// Whether nearly all rays end their segments on a conic at the nearer crossing, and are seen to do so
+/// (`nearer_conic_distance` in the shader). Nearer is to the point where the ray's line comes closest to the conic's
+/// origin.
 pub fn end_at_nearer_crossing((frame, shape): &(Frame, Shape), profiled: &mut ProfiledRays) -> bool {
     shape.kind() == ShapeKind::Conic
         && profiled.takes(frame, |segment| ends_at_nearer_crossing(shape, segment))
@@ -206,9 +210,9 @@ fn ends_at_nearer_crossing(shape: &Shape, segment: &Segment) -> bool {
     is_met && (2.0 * q - a * (t - shift)).abs() > a.abs() * room
 }
 
-/// How nearly all rays come to a shape and go on from it: along its normal, which is to the side of its back medium, or
-/// against it; nothing where that is not the same for nearly all. A segment without a length, between faces in contact,
-/// shows nothing: then the other does, and they are taken to go through.
+/// How nearly all rays come to a shape and go on from it: along its normal, or against it. The normal points to the
+/// side of the back medium. `None` where rays differ. A segment without a length, between faces in contact, shows
+/// nothing. Then the other segment decides, and rays are assumed to go through.
 pub fn sides((frame, shape): &(Frame, Shape), profiled: &mut ProfiledRays) -> Option<[bool; 2]> {
     let all = [[true, true], [false, false], [true, false], [false, true]];
     all.into_iter().find(|&along| {
@@ -224,24 +228,24 @@ pub fn sides((frame, shape): &(Frame, Shape), profiled: &mut ProfiledRays) -> Op
 /// The profiled rays that take the path, and what was assumed of them.
 #[derive(Debug)]
 pub struct ProfiledRays<'a> {
-    /// Theirs.
+    /// The recorded paths of these rays.
     samples: &'a [SampledPath],
     /// The segment that is looked at, by its number.
     pub step: usize,
-    /// For so many of the rays all that is taken must hold.
+    /// All that is assumed must hold for this share of the rays.
     least_share: f64,
-    /// For each ray, whether all that was taken so far does.
+    /// For each ray, whether all that was assumed so far holds.
     keeps: Vec<bool>,
 }
 
 impl<'a> ProfiledRays<'a> {
-    /// Rays of whom nothing is assumed yet, and the share of them for which all that is taken must hold.
+    /// Rays of which nothing is assumed yet. All that will be assumed must hold for `least_share` of them.
     pub fn new(samples: &'a [SampledPath], least_share: f64) -> Self {
         ProfiledRays { samples, step: 0, least_share, keeps: vec![true; samples.len()] }
     }
 
-    /// Takes something for granted, if it and all that was taken before hold for the least share of the rays, in the
-    /// frame of a primitive.
+    /// Assumes something in the frame of a primitive, if it and all earlier assumptions hold for the least share of the
+    /// rays. The result is whether it was assumed.
     pub fn takes(&mut self, frame: &Frame, holds: impl Fn(&Segment) -> bool) -> bool {
         let step = self.step;
         self.takes_of_each(|sample| match sample.positions.get(step..step + 2) {
@@ -295,8 +299,9 @@ impl Along {
     }
 }
 
-/// Where a shape that lies between two planes across z begins and ends, with room for so large a share of lengths, where no
-/// place is farther from the origin than `size`; none where there are no such planes, or too steep a rim tells badly where.
+/// Where a shape that lies between two planes across z begins and ends. No place is farther from the origin than
+/// `size`, and `share` of such lengths is the room for roundings. `None` where there are no such planes, or where a rim
+/// shows badly where they are.
 fn slab(shape: &Shape, size: f64, share: f64) -> Option<[f64; 2]> {
     const LEAST_STEEPNESS: f64 = 0.1;
     let Slab { ends, steepness } = shape.slab()?;
@@ -357,8 +362,8 @@ mod tests {
         MissTest { sign, exit: None }
     }
 
-    /// Where a straight line meets a shape, found by small steps along it: true if it crosses the quadric so near to a
-    /// place of the shape.
+    /// Whether a straight line meets a shape, found by small steps along the line. True if the line crosses the quadric
+    /// near a place of the shape.
     fn is_met(shape: &Shape, line: &Segment) -> bool {
         let on_shape = |p: DVec3| {
             if let Shape::Conic(Conic { curvature, conic, aperture_radius }) = *shape {
@@ -411,13 +416,13 @@ mod tests {
             let way = to - from;
             let along = Along::of(&shape, from, way.normalize());
             let there = along.g + along.a * way.length();
-            // What bends towards 0 between the ends is not looked at any closer.
+            // A quadric that bends towards 0 between the ends is not looked at any closer.
             let bends = (along.g < 0.0) != (there < 0.0) && (along.a < 0.0) == (along.f < 0.0);
             let off = to_the_end(Sign::Off { margin: 1e-4 });
             prop_assert!(off.holds(&shape, &segment) || bends || !no_crossing);
         }
 
-        /// Whatever is taken for a miss test of one ray is one: far beyond its exit as well, if it has one.
+        /// What is found as a miss test of one ray proves a miss: far beyond its exit as well, if it has one.
         #[test]
         fn a_miss_test_that_is_found_shows_that_nothing_is_met(
             shape in prop_oneof![

@@ -1,5 +1,5 @@
-//! The hot path, which most rays take, and the side traces of most others: each has a stage of its own, whose guards check
-//! what the stage assumes. A ray that fails a guard falls back on the plain stages.
+//! The hot path, which most rays take, and the side traces, which most others take. Each has a stage of its own, whose
+//! guards check what the stage assumes. A ray that fails a guard falls back on the plain stages.
 
 pub(crate) mod compose;
 pub mod fallback;

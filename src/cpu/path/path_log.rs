@@ -1,10 +1,11 @@
-//! The record that a ray on a hot path or a side trace writes: its hit positions on detectors and, where weights differ,
-//! its weight or its end.
+//! The record that a ray writes on the hot path or a side trace. The record holds the ray's positions on detectors and,
+//! where weights differ, the weight or the end.
 //!
-//! Where all of them weigh the same at the same event, the host knows how much they leave. Where they arrive on a detector
-//! once more at the place of before, as between parallel mirrors, it knows that, too. Where media alone take something from
-//! them, their last weight tells what these took. The profile only says what may be so: guards of the stage look at each ray.
-//! A ray that weighs something else, loses something elsewhere or arrives elsewhere fails.
+//! Where all rays weigh the same at the same event, the host knows how much they leave, and no weight is logged. Where
+//! rays arrive once more at the same place, as between parallel mirrors, the host knows the place, too. Where media
+//! alone take something from rays, the last weight shows what media took. The profile only says what may be so: guards
+//! of the stage look at each ray. A ray that weighs something else, loses something elsewhere or arrives elsewhere
+//! fails a guard.
 
 use crate::cpu::log::format::{DepositLog, EntryFormat, Grid};
 use crate::cpu::path::hot_path::{Crossing, HotPath, HotPathEvent, LEAST_ASSUMED, ProfiledPath, SampledPath};
@@ -17,13 +18,14 @@ use crate::program::{Precision, ProgramOptions};
 /// The log of a stage that follows a path.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PathLog {
-    /// What each ray logs, in the order of the path: its positions in pixels, and its weights if they are to be logged.
-    /// Where there is none, it logs one place that means nothing but that it failed no guard, with its last weight.
+    /// What each ray logs, in the order of the path: its positions in pixels, and its weights if these are logged. On a
+    /// path without places a ray logs one place with its last weight. That place only means that the ray failed no
+    /// guard.
     pub places: Vec<Place>,
     /// What it leaves where it ends, unless that is on a detector.
     pub end: Option<LedgerEnd>,
-    /// Each place is logged with the weight there ([`Weight::Logged`]), and on so many of its ways a ray loses something to
-    /// the media, from its birth to its end, on the last place or, where there is none, in [`PathLog::end`].
+    /// Each place is logged with the weight there ([`Weight::Logged`]). On so many of its legs a ray loses something to
+    /// media, from its birth to its end. The end is the last place or, where there is no place, [`PathLog::end`].
     pub attenuating_legs: Option<u32>,
     /// On its way a ray that keeps to the path deposits nothing: what it logs is all that it leaves.
     pub tells_all: bool,
@@ -38,8 +40,8 @@ pub struct Place {
     pub detector: usize,
     /// When rays arrive there.
     pub arrivals: Vec<Arrival>,
-    /// How near to an edge between pixels roundings decide which one is hit, by columns and by rows \[pixels\], if nearly all
-    /// rays are farther.
+    /// Within this distance of an edge, roundings decide which pixel is hit, by columns and by rows \[pixels\]. `None`
+    /// unless nearly all rays are farther.
     pub edge_room: Option<[f64; 2]>,
 }
 
@@ -66,14 +68,14 @@ pub struct LedgerEnd {
 pub enum Weight {
     /// What they were born with.
     Born,
-    /// So much.
+    /// This weight.
     Known(f64),
     /// What they log: at most what they were born with.
     Logged,
 }
 
 impl Weight {
-    /// The most that rays weigh which were born with so much.
+    /// The most that rays weigh that were born with this weight.
     pub fn most_of_born(self, born: f64) -> f64 {
         match self {
             Weight::Born | Weight::Logged => born,
@@ -82,13 +84,14 @@ impl Weight {
     }
 }
 
-/// The position alone tells the pixel as long as this share of the rays is off the edges at all places: the others fail the guard.
+/// The position alone gives the pixel, if at least this share of the rays is off the edges at all places. The others
+/// fail the guard.
 const LEAST_OFF_EDGES: f64 = 0.99;
 
-/// [`Place::edge_room`] where the profiled rays arrive on a detector.
-/// `pixel_position` in splat.wgsl rounds the sum x + half, the quotient, for which WGSL allows 2.5 ulp (section 15.7.4), and
-/// what is left after 0.5; `pixel_of` the product of the pitch and what is left after half: 12 units of roundoff of as many
-/// pixels as there are, if each may be rounded either way, and some room.
+/// [`Place::edge_room`] where the profiled rays arrive on a detector. `pixel_position` in splat.wgsl rounds the sum x +
+/// half, the quotient, for which WGSL allows 2.5 ulp (section 15.7.4), and what is left after 0.5. `pixel_of` rounds
+/// the product of the pitch and what is left after half. Together these are 12 units of roundoff of the number of
+/// pixels, if each may be rounded either way. A factor of 16 leaves some room.
 fn edge_room(detector: &Detector, precision: Precision, profile: &mut ProfiledRays) -> Option<[f64; 2]> {
     let grid = detector.kind.grid().filter(|_| detector.kind.is_plain_grid())?;
     let size = [grid.num_pixels_x, grid.num_pixels_y];
@@ -104,11 +107,11 @@ fn edge_room(detector: &Detector, precision: Precision, profile: &mut ProfiledRa
     profile.takes(&detector.frame, is_off).then_some(room)
 }
 
-/// Of one log; each device has two.
+/// Most bytes of a log. There are two logs.
 const MAX_BYTES: u64 = 16 << 20;
 
 impl DepositLog {
-    /// Bytes of all that a ray may log, along the hot path, if that has a log of its own, or not.
+    /// Bytes of all that a ray may log, on the hot path (if it has a log of its own) or off it.
     pub fn ray_bytes(&self, path: Option<&PathLog>) -> u64 {
         let entries = u64::from(self.max_passes + 1) * u64::from(self.num_words() * self.word_bytes());
         entries.max(path.map_or(0, |path| path.ray_bytes(self.format)))
@@ -121,15 +124,15 @@ impl DepositLog {
 }
 
 impl PathLog {
-    /// The log of the hot path; none where rays arrive on no detector, or on one that does not keep to bilinear taps, or
-    /// with weights that differ, unless by what media took.
+    /// The log of the hot path. `None` where rays arrive on no detector, or where a detector does not keep to bilinear
+    /// taps. `None`, too, where weights differ by more than what media took.
     pub fn of(scene: &LoggedScene, path: &HotPath, profile: &ProfiledPath) -> Option<Self> {
         let log = PathLog::with_known_weights(scene, path, profile)
             .or_else(|| PathLog::with_logged_weights(scene, path, profile))?;
         (!log.places.is_empty()).then_some(log)
     }
 
-    /// The log of a side trace beside that of the hot path, whose format it must have; it may be without a place.
+    /// The log of a side trace, in the format of the hot path's log. A side trace may be without a place.
     pub fn beside(
         hot_path: &PathLog,
         scene: &LoggedScene,
@@ -207,7 +210,8 @@ struct KnownWeights<'a> {
     samples: &'a [SampledPath],
     /// Rays keep the weight that they are born with.
     are_kept: bool,
-    /// All rays are born with the same one. Several sources share the rays of a trace otherwise than the profiling run does.
+    /// All rays are born with the same weight. Several sources share the rays of a trace otherwise than the profiling
+    /// run does.
     are_born_alike: bool,
 }
 
@@ -220,7 +224,7 @@ impl<'a> KnownWeights<'a> {
         KnownWeights { samples: &profile.samples, are_kept: features.keeps_weight, are_born_alike }
     }
 
-    /// What all weigh that arrive at an event, if that is known.
+    /// What all rays that arrive at an event weigh, if that is known.
     fn on_arrival(&self, event: usize) -> Option<Weight> {
         if self.are_kept {
             return Some(Weight::Born);
@@ -231,8 +235,8 @@ impl<'a> KnownWeights<'a> {
     }
 }
 
-/// The places of a path, whose rays have such weights at its events; none if these are not known, or where a detector does
-/// not keep to bilinear taps.
+/// The places of a path, whose rays have such weights at its events. `None` if a weight is not known, or where a
+/// detector does not keep to bilinear taps.
 fn places(
     scene: &LoggedScene,
     path: &HotPath,
@@ -279,11 +283,11 @@ fn ledger_end(scene: &LoggedScene, path: &HotPath, last: &HotPathEvent) -> Optio
     }
 }
 
-/// Of what rays weigh, a medium leaves them so much at least where it takes little: exp(-NEAR_ZERO), which is 0.712
+/// A medium takes little where it leaves at least this share of a ray's weight: exp(-NEAR_ZERO), which is 0.712
 /// (shaders/math/math.f64.wgsl), and some room.
 const LEAST_LEFT: f64 = 0.72;
 
-/// Whether media take little, on each of their ways, from nearly all profiled rays that lose to media alone.
+/// Whether media take little, on each leg, from nearly all profiled rays that lose to media alone.
 pub fn media_absorb_weakly(ProfiledPath { samples, .. }: &ProfiledPath) -> bool {
     let loses_little = |sample: &&SampledPath| {
         sample.weights.windows(2).all(|weights| weights[1] >= LEAST_LEFT * weights[0])
@@ -291,8 +295,8 @@ pub fn media_absorb_weakly(ProfiledPath { samples, .. }: &ProfiledPath) -> bool 
     samples.iter().filter(loses_little).count() as f64 >= LEAST_ASSUMED * samples.len() as f64
 }
 
-/// On how many of its ways each profiled ray lost something; none where they differ in that, or where something else
-/// than media takes from the rays of a path: surfaces, or roulette.
+/// On how many of its legs each profiled ray lost something. `None` where rays differ in that, or where surfaces or
+/// roulette take from the rays of a path, too.
 fn attenuating_legs(scene: &LoggedScene, path: &HotPath, profile: &ProfiledPath) -> Option<u32> {
     let (&LoggedScene { ir, options, features, .. }, samples) = (scene, &profile.samples);
     let is_on_path = |i: u32| path.events.iter().any(|event| event.primitive == i as usize);
@@ -310,7 +314,7 @@ fn attenuating_legs(scene: &LoggedScene, path: &HotPath, profile: &ProfiledPath)
 }
 
 /// Whether rays of the path may enter the ambient medium with no solid behind them, which is counted (`track_solids` in
-/// shaders/stages/interact.wgsl): so they may where some come to a refracting surface from another side than others.
+/// shaders/stages/interact.wgsl). Rays may also do so where they come to a refracting surface from different sides.
 fn may_underflow(ir: &SceneIr, path: &HotPath) -> bool {
     let mut is_in_solid = false;
     path.events.iter().any(|event| {
@@ -334,14 +338,14 @@ fn is_bilinear(kind: &DetectorKind) -> bool {
     kind.is_plain_grid() && kind.grid().is_some_and(|grid| grid.splat == Splat::Bilinear)
 }
 
-/// What all ways have alike, if they do.
+/// What all samples have in common, if they do.
 fn same<T: PartialEq>(samples: &[SampledPath], of: impl Fn(&SampledPath) -> Option<T>) -> Option<T> {
     let mut all = samples.iter().map(of);
     let first = all.next()??;
     all.all(|other| other.as_ref() == Some(&first)).then_some(first)
 }
 
-/// True if every ray is at an event where it was at one before, as far as its recorded positions tell.
+/// True if every ray is at an event where it was at one before, as far as its recorded positions show.
 fn arrive_together(samples: &[SampledPath], before: usize, event: usize) -> bool {
     let at = |sample: &SampledPath, event: usize| sample.positions.get(event + 1).copied();
     !samples.is_empty()

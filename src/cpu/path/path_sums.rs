@@ -1,5 +1,5 @@
-//! Adds up what rays logged that keep to the hot path (`shaders/cpu/path/path_log.arrivals.wgsl`): places on detectors, whose
-//! weights the path tells, or they themselves.
+//! Adds up what rays on a path logged (`shaders/cpu/path/path_log.arrivals.wgsl`): places on detectors. The path gives
+//! the weights, or rays log their own.
 
 use crate::cpu::log::bits::{bits, entries_of, quantize};
 use crate::cpu::log::deposit_sums::{DepositSums, GuardFailure, LoggedRays};
@@ -12,15 +12,15 @@ use crate::program::layout::tables::CELL_BULK;
 /// A place, and what each ray leaves there.
 struct Deposits<'a, T> {
     grid: &'a Grid,
-    /// One for each time that rays arrive; the most that they weigh, where they log their own.
+    /// A weight for each time that rays arrive. Where rays log their own, the most that they weigh.
     weights: Vec<T>,
     /// Their quanta together fit 63 bits, however the sum of the weights was rounded.
     fit: bool,
 }
 
 impl DepositSums {
-    /// Adds what the rays of a dispatch logged, and shows those that failed a guard, by their number. `None` if an entry makes no
-    /// sense.
+    /// Adds what the rays of a dispatch logged, and shows the rays that failed a guard, by their number. `None` if an
+    /// entry makes no sense.
     pub fn add_path(
         &mut self,
         logged: &LoggedRays,
@@ -161,7 +161,7 @@ fn left_by<E: PositionEntry>(
     block.total(rays & !others) + bits(rays & others).map(quanta).sum::<u128>()
 }
 
-/// Of some rays of a block, a bit each, those that failed a guard, by their first places.
+/// Which rays of a block failed a guard, by their first places. Both masks have a bit for each ray.
 fn failures_among<E: PositionEntry>(
     places: &[E],
     rays: u64,

@@ -1,5 +1,5 @@
-//! Profiling: which path most rays of a scene take, and which ones most of the others, so that they can have stages of their own
-//! (shaders/cpu/path/hot_path.wgsl).
+//! Profiling: finds the path that most rays of a scene take, and the paths of most others. These paths then get stages
+//! of their own (shaders/cpu/path/hot_path.wgsl).
 
 use crate::cpu::Override;
 use crate::cpu::path::hot_path::{MAX_EVENTS, ProfiledPath, SampledPath, is_possible};
@@ -20,7 +20,7 @@ use glam::DVec3;
 /// Rays whose paths are looked at.
 const PROFILED_RAYS: u64 = 512;
 
-/// Of the profiled rays, a side trace is taken by so many at least: a stage does not pay for fewer.
+/// At least this share of the profiled rays takes a side trace: a stage does not pay for fewer.
 const LEAST_SIDE_SHARE: f64 = 0.01;
 
 /// What profiling has found.
@@ -28,12 +28,12 @@ const LEAST_SIDE_SHARE: f64 = 0.01;
 pub struct FrequentPaths {
     /// The hot path, which most rays take.
     pub hot: ProfiledPath,
-    /// Those that most of the others take, the most frequent first.
+    /// The paths that most of the others take, the most frequent first.
     pub sides: Vec<ProfiledPath>,
 }
 
-/// The path that most rays take, or none: where there is no such path, where a trace has too few rays for the search to pay,
-/// and where no stage could follow it. Where the hot path is always followed, such a path of any share of the rays will do.
+/// The path that most rays take. `None` if there is no such path, if a trace has too few rays for profiling to pay, or
+/// if no stage could follow it. Where the hot path is always followed, a path of any share of the rays will do.
 ///
 /// # Errors
 /// [`crate::Error::Device`] if the device fails.
@@ -147,7 +147,7 @@ fn met(ir: &SceneIr, ray: &[&PathEvent]) -> Vec<usize> {
 }
 
 fn sample(ray: &[&PathEvent]) -> SampledPath {
-    // An escape is recorded where the ray was last; its way goes on from there.
+    // An escape is recorded where the ray was last. Its path goes on from there.
     let position = |event: &&PathEvent| {
         let [at, direction] = [event.ray.position, event.ray.direction].map(DVec3::from_array);
         if event.kind == PathEventKind::Escaped { at + direction } else { at }

@@ -7,20 +7,20 @@ use glam::DVec3;
 pub struct ProfiledPath {
     /// The primitives that they meet, in their order: surfaces first, then detectors.
     pub primitives: Vec<usize>,
-    /// Of each ray that takes it.
+    /// A sample of each ray that takes the path.
     pub samples: Vec<SampledPath>,
-    /// Behind the last of the primitives they escape.
+    /// True if rays escape behind the last primitive.
     pub escapes: bool,
-    /// They are such a share of all rays.
+    /// The share of all rays that take the path.
     pub share: f64,
 }
 
-/// The path of one ray: where it is born, where it meets the primitives of its path and, if it was killed, where, or if it escapes, a place
-/// behind the last of them; and what it weighs there.
+/// The path of one ray: where it is born, where it meets primitives, and what it weighs there. A ray that is killed
+/// ends where it was killed. A ray that escapes ends at a place behind its last primitive.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SampledPath {
-    /// \[mm\]
+    /// The places of its birth, its events and its end \[mm\].
     pub positions: Vec<DVec3>,
-    /// On arrival.
+    /// What the ray weighs when it arrives there.
     pub weights: Vec<f64>,
 }

@@ -1,5 +1,5 @@
-//! Side traces: what most rays do that fail a guard of the hot path at one of its events, such as those that a lens reflects back.
-//! Each has a stage of its own, which traces them from their birth as `trace_hot_path` does the others; one that
+//! Side traces: the paths of most rays that fail a guard of the hot path, such as rays that a lens reflects back. Each
+//! side trace has a stage of its own, which traces its rays from their birth, as `trace_hot_path` does. A ray that
 //! fails a guard of its side trace, too, follows the next one from the same event, or falls back on `trace_new`.
 
 use crate::cpu::path::hot_path::{HotPath, ProfiledPath};
@@ -7,7 +7,7 @@ use crate::cpu::path::path_log::{LoggedScene, PathLog, media_absorb_weakly};
 use crate::program::geometry::contact::Contacts;
 use glam::DVec3;
 
-/// More would make the shaders' text long, each of whose paths is another one to read.
+/// More side traces would make the shaders' text long, because each path is written out.
 pub const MOST_SIDE_TRACES: usize = 12;
 
 /// A side trace.
@@ -58,9 +58,9 @@ impl SideTrace {
     }
 }
 
-/// The event at which rays of a side trace fail a guard of the hot path: where they meet something else, or the one before, if
-/// they go on from it to another side. It may be another one where the profiled rays did not show how they go on; then
-/// these fail a guard of the side trace, too.
+/// The event at which rays of a side trace fail a guard of the hot path. Here a ray meets something else than the hot
+/// path, or went on from the event before to another side. The event may be another one where profiled rays did not
+/// show how they go on. Such rays fail a guard of the side trace, too.
 fn fails_at(hot_path: &HotPath, side: &HotPath) -> usize {
     let pairs = || hot_path.events.iter().zip(&side.events);
     let num_alike = pairs().take_while(|(event, own)| event.primitive == own.primitive).count();

@@ -74,8 +74,8 @@ pub struct BsdfWgsl {
     /// True if it reads [`Scattering::table`], which begins at `tables[surface.bsdf_table]`.
     pub has_table: bool,
     /// The files that say how it draws a direction, so that a target may take part: the last one has
-    /// `toward_<name>(s: Scattering, surface: Surface, direction: vec3<real>) -> Toward` (shaders/scatter_to). None where
-    /// directions have no density, as those of a mirror.
+    /// `toward_<name>(s: Scattering, surface: Surface, direction: vec3<real>) -> Toward` (shaders/scatter_to). Empty
+    /// where directions have no density, as with a mirror.
     pub toward: &'static [ShaderFile],
 }
 
@@ -113,7 +113,7 @@ pub trait Scattering: std::fmt::Debug {
     }
 
     /// What `"scatter_fraction": "tis"` means: the share of the rays that scatters, and by what. Together they have the
-    /// level that was written. None if it has no level.
+    /// level that was written. `None` for a BSDF without a level.
     fn by_tis(&self) -> Option<(f64, Bsdf)> {
         None
     }
@@ -140,8 +140,8 @@ fn too_wide(surface: &str, lost: f64, remedy: &str) -> Option<String> {
     })
 }
 
-/// On a refractive surface such a lobe is about the ray that Fresnel's branch sends on, or about the mirror image of that
-/// ray, on the other side.
+/// On a refractive surface a lobe is about the ray that Fresnel's branch sends on, or about the mirror image of that
+/// ray. The image is on the other side.
 fn other_side(surface: &str, interaction: &Interaction, transmissive_fraction: f64) -> Option<String> {
     let is_swapped = *interaction == Interaction::Refractive && transmissive_fraction < 1.0;
     is_swapped.then(|| {

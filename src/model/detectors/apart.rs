@@ -1,7 +1,8 @@
 //! Detectors that keep light of each wavelength apart: so that a result can be weighted by wavelength, as the eye does.
 //!
 //! No scene file has them. They take the place of irradiance and far-field detectors while a trace runs
-//! (`result::wavelengths_apart`). Sums of quanta over wavelengths are those of the detector in whose place they are, to the bit.
+//! (`result::wavelengths_apart`). Summed over wavelengths, their quanta equal the quanta of the replaced detector to
+//! the bit.
 
 use crate::model::detectors::grid::{ArrivalError, GridRow, PixelGrid};
 use crate::model::detectors::{Detection, DetectorFunction, DetectorKind, DetectorWgsl, Records};

@@ -1,8 +1,8 @@
 //! Detectors: the list of them, and what each must say of itself.
 //!
-//! Each detector stands in one file here, its function in one file of shaders/detectors/, and its result in one file of
-//! src/result/detectors/. docs/adding-a-kind.md says how to add one. A detector is the plane z = 0 of its own frame.
-//! Lengths are in mm, angles in rad.
+//! Each detector stands in one file here. Its function stands in one file of shaders/detectors/, and its result in one
+//! file of src/result/detectors/. docs/adding-a-kind.md says how to add one. A detector is the plane z = 0 of its own
+//! frame. Lengths are in mm, angles in rad.
 
 pub mod apart;
 pub mod far_field;

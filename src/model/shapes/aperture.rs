@@ -121,7 +121,8 @@ impl Aperture {
         }
     }
 
-    /// Points spread over what it has within a distance from the axis \[mm\]; none if there is nothing.
+    /// Points spread over what the aperture has within a distance from the axis \[mm\]. Empty if the aperture lies
+    /// beyond.
     pub fn samples(&self, widest: f64) -> Vec<DVec2> {
         const POINTS: i32 = 4096;
         /// The turn that repeats itself least.

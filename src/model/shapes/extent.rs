@@ -28,7 +28,7 @@ pub enum Across {
 }
 
 impl Extent {
-    /// That of a shape of revolution with this outer radius, between two heights.
+    /// The extent of a shape of revolution with this outer radius, between two heights.
     pub fn round(radius: f64, low: f64, high: f64, size: f64) -> Self {
         Extent {
             middle: DVec3::new(0.0, 0.0, 0.5 * (low + high)),

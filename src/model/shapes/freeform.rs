@@ -1,10 +1,10 @@
 //! Freeforms: a conic of revolution and a polynomial of x and y, kept as a sum of products of Chebyshev polynomials.
 //!
-//! Whatever basis a scene file has, the polynomial is expanded anew over the square about the aperture. Clenshaw's recurrence
-//! then loses to rounding what the coefficients add up to (Mason and Handscomb, Chebyshev Polynomials, section 2.4): next to
-//! nothing for a polynomial that is of one size over the square. A Zernike polynomial of a high order is far larger in the
-//! corners than in the disk: its coefficients add up to 1e4 for order 12, and to 1e7 for order 20. A surface whose rounding
-//! would show is refused.
+//! Whatever basis a scene file has, the polynomial is expanded anew over the square about the aperture. Clenshaw's
+//! recurrence then loses to rounding what the coefficients add up to (Mason and Handscomb, Chebyshev Polynomials,
+//! section 2.4). The loss is next to nothing for a polynomial that is of one size over the square. A Zernike polynomial
+//! of a high order is far larger in the corners than in the disk. For order 12 its coefficients add up to 1e4, and for
+//! order 20 to 1e7. A surface whose rounding would show is refused.
 
 use crate::Result;
 use crate::model::shapes::profile::AsphereProfile;
@@ -158,8 +158,8 @@ impl Freeform {
     }
 }
 
-/// The coefficients of Chebyshev polynomials over the square of half side R: from values at their nodes, by the discrete
-/// orthogonality of the polynomials (Mason and Handscomb, section 4.6).
+/// The coefficients of Chebyshev polynomials over the square of half side R. Coefficients follow from values at the
+/// nodes, by the discrete orthogonality of the polynomials (Mason and Handscomb, section 4.6).
 fn expanded(aperture_radius: f64, polynomial: &Polynomial<'_>) -> Vec<Vec<f64>> {
     let [nx, ny] = polynomial.powers.map(|power| power + 1);
     let node = |k: usize, n: usize| (PI * (k as f64 + 0.5) / n as f64).cos();
@@ -230,8 +230,8 @@ fn taylor(num: usize, u: f64) -> Vec<Vec<f64>> {
     all
 }
 
-/// The most that a sum, its slopes and its second derivatives are on a square about a point, in semi-diameters: exactly, by
-/// its Taylor terms there.
+/// The most that a sum, its slopes and its second derivatives are on a square about a point, in semi-diameters. The
+/// bounds follow from all Taylor terms at the point.
 #[derive(Debug, Default)]
 struct Local {
     value: f64,
@@ -242,7 +242,8 @@ struct Local {
 }
 
 impl Local {
-    /// `x` are the Taylor terms of T_i at the point, `along_y[i]` those of the rows' sums; `half` is half the square's side.
+    /// `x` are the Taylor terms of T_i at the point, `along_y[i]` the Taylor terms of the rows' sums. `half` is half
+    /// the square's side.
     fn of(x: &[Vec<f64>], along_y: &[Vec<f64>], half: f64) -> Self {
         let num_y = along_y.iter().map(Vec::len).max().unwrap_or(0);
         let mut local = Local::default();
@@ -273,8 +274,8 @@ impl Local {
     }
 }
 
-/// Bounds over the aperture, which is cut into squares. In each the sum is what its Taylor terms allow, and the conic part
-/// lies between its values at the nearest and the farthest point from the axis.
+/// Bounds over the aperture, which is cut into squares. In each square the sum is what its Taylor terms allow. The
+/// conic part lies between its values at the nearest and the farthest point from the axis.
 fn bounds(conic: &AsphereProfile, rows: &[Vec<f64>]) -> Bounds {
     const CELLS: i32 = 96;
     let radius = conic.aperture_radius;

@@ -38,7 +38,7 @@ pub struct Frustum {
 }
 
 impl Frustum {
-    /// Radius at z = 0, slope, z_front, z_back. Without height nothing can be hit: an empty range of z.
+    /// Radius at z = 0, slope, z_front, z_back. A frustum of no height has an empty range of z, so rays miss it.
     fn line(&self) -> [f64; 4] {
         let Frustum { r_front, r_back, z_front, z_back } = *self;
         let height = z_back - z_front;

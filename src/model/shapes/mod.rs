@@ -92,8 +92,8 @@ kinds! {
 #[derive(Debug)]
 pub struct ShapeWgsl {
     /// Its functions begin with this name. All shapes have `<name>_distance(o, d, arguments, leaving) -> real`, the
-    /// distance from o along d to the first crossing, or MISS; and `<name>_holds(p, arguments) -> bool`, true if a point
-    /// of the surface without its limits belongs to the shape.
+    /// distance from o along d to the first crossing, or MISS. All have `<name>_holds(p, arguments) -> bool`, true if a
+    /// point of the surface without its limits belongs to the shape.
     pub name: &'static str,
     /// The file that holds them.
     pub file: ShaderFile,
@@ -110,8 +110,9 @@ pub enum Normal {
     Quadric(fn(&[&str]) -> String),
     /// From the facet that was hit.
     Facet,
-    /// From the shape's own `<name>_normal(p, arguments) -> vec3<real>`, the unit normal at a point of the shape, and
-    /// `<name>_height(p, arguments) -> real`, the signed distance of a point from the shape to first order \[mm\].
+    /// From the shape's own functions. `<name>_normal(p, arguments) -> vec3<real>` is the unit normal at a point of the
+    /// shape. `<name>_height(p, arguments) -> real` is the signed distance of a point from the shape to first order
+    /// \[mm\].
     Own,
     /// As of [`Normal::Own`], for a shape whose distance function finds its crossings by shaders/geometry/sag.search.wgsl.
     Sag,
@@ -156,7 +157,7 @@ pub trait Geometry: std::fmt::Debug {
     /// True if a point of the surface without its limits belongs to the shape.
     fn holds(&self, p: DVec3) -> bool;
 
-    /// What it fills; none if it has no end. The meshes are the scene's.
+    /// What the shape fills. `None` for a shape without end. The meshes are the scene's.
     fn extent(&self, meshes: &[Mesh]) -> Option<Extent>;
 
     /// Points spread over the shape: it is in contact with another one on which all of them lie. None for a shape that is
@@ -233,7 +234,7 @@ pub trait Geometry: std::fmt::Debug {
     }
 
     /// The values of t, in no order, at which the line o + t d crosses the shape. Checks of compound bodies use them;
-    /// rays have WGSL. By default these are the quadric's, and there are none for a shape without a quadric.
+    /// rays have WGSL. By default these are the quadric's. Empty for a shape without a quadric.
     fn crossings(&self, o: DVec3, d: DVec3) -> Vec<f64> {
         let all = self.quadric().into_iter().flat_map(|quadric| quadric.crossings(o, d));
         all.filter(|t| t.is_finite() && self.holds(o + *t * d)).collect()
@@ -256,7 +257,7 @@ pub enum FrontSide {
 pub struct Slab {
     /// Their heights, in no order \[mm\].
     pub ends: [f64; 2],
-    /// By how much the level changes while z grows by 1 at the rim, if the rim is not at one of the planes by
+    /// By how much the level changes while z grows by 1 at the rim. `None` if the rim is at one of the planes by
     /// definition. An error of the level by rounding is an error of z divided by this.
     pub steepness: Option<f64>,
 }

@@ -114,8 +114,8 @@ impl AsphereProfile {
         at
     }
 
-    /// More than the polynomial's third derivative up to a distance from the axis, and than the derivative of its slope over
-    /// r: term by term \[1/mm^2\]. A tip has none.
+    /// More than the polynomial's third derivative up to a distance from the axis \[1/mm^2\], and more than the
+    /// derivative of its slope over r. Bounds are summed term by term. A tip has none.
     fn most_of_third_derivative(&self, r: f64) -> f64 {
         let term = |(i, a): (usize, &f64)| {
             let n = self.power(i);

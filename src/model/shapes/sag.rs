@@ -142,7 +142,7 @@ pub struct SagSurface<S> {
     pub sag: S,
     /// The aperture.
     pub aperture: Option<Arc<Aperture>>,
-    /// The aperture, then the coefficients, for the shaders; none if there is neither.
+    /// The aperture, then the coefficients, for the shaders. `None` if the surface has neither of these.
     table: Option<Arc<[f64]>>,
 }
 
@@ -341,7 +341,7 @@ mod tests {
     use crate::model::shapes::{AsphereProfile, Biconic, Freeform, Toroidal};
     use proptest::prelude::*;
 
-    /// No point of a surface breaks its bounds, and the derivatives are those of the height.
+    /// All points of a surface keep its bounds, and its slopes are the derivatives of its height.
     fn bounds_hold<S: Sag>(sag: &S, points: &[(f64, f64)]) -> std::result::Result<(), TestCaseError> {
         let surface = SagSurface::from(sag.clone());
         let bounds = sag.bounds();

@@ -22,8 +22,8 @@ pub const TOROIDAL: ShapeWgsl = ShapeWgsl {
     normal: Normal::Sag,
 };
 
-/// The profile turned about the line z = 1/c, x = 0: z = h + c x^2 / (w + sqrt(w^2 - c^2 x^2)). h is the profile's
-/// height at y, c the curvature along x, and w = 1 - c h.
+/// The profile turned about the line z = 1/c, x = 0. So z = h + c x^2 / (w + sqrt(w^2 - c^2 x^2)). Here h is the
+/// profile's height at y, c is the curvature along x, and w = 1 - c h.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Toroidal {
     /// Curvature along x \[1/mm\].

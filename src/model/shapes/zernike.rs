@@ -145,8 +145,8 @@ fn binomial(n: i32, k: i32) -> f64 {
 mod tests {
     use super::*;
 
-    /// Of a high order the polynomials are far larger in the corners of the square than in the disk, and f64 has enough digits;
-    /// the bounds are of the disk. Of the highest order too few digits are left.
+    /// Polynomials of a high order are far larger in the corners of the square than in the disk. Yet f64 has enough
+    /// digits, and the bounds hold in the disk. For the highest order too few digits are left.
     #[test]
     fn high_orders_are_bounded_and_the_highest_are_refused() {
         use crate::model::shapes::sag::Sag;

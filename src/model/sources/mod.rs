@@ -1,8 +1,8 @@
 //! Sources of rays: the list of them, and what each must say of itself.
 //!
-//! Each source stands in one file here, and its function in one file of shaders/sources/. docs/adding-a-kind.md says how
-//! to add one. Everything is said in the source's own frame: rays are born at z = 0 and go towards +z, but for those of a file. Lengths are in mm,
-//! angles in rad.
+//! Each source stands in one file here, and its function in one file of shaders/sources/. docs/adding-a-kind.md says
+//! how to add one. Everything is said in the source's own frame. There rays are born at z = 0 and go towards +z. Rays
+//! of a file may begin and go anywhere. Lengths are in mm, angles in rad.
 
 pub mod collimated;
 pub mod extended;

@@ -231,8 +231,8 @@ impl WrittenSource for Written {
 }
 
 impl RayGroup {
-    /// Rows of the shader's table: for each ray the share of its row's draws that stay there, the row that has the others,
-    /// position and direction.
+    /// Rows of the shader's table, one for each ray. A row has the share of its draws that stay there, the row that
+    /// gets the other draws, position and direction.
     fn rows(&self) -> Vec<f64> {
         let count = self.shares.len();
         let mean = self.shares.iter().sum::<f64>() / count.max(1) as f64;

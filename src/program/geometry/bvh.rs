@@ -86,7 +86,7 @@ impl Forest {
     /// The contents of the buffer.
     ///
     /// # Errors
-    /// [`Error::Usage`] if there are more nodes than a walk can tell apart.
+    /// [`Error::Usage`] if there are more nodes than a walk can number.
     pub fn words(&self) -> Result<impl Iterator<Item = u32> + '_> {
         if self.nodes.len() > MOST_NODES {
             return Err(Error::Usage(format!(

@@ -1,4 +1,4 @@
-//! Contacts: faces so close that the precision cannot tell which comes first.
+//! Contacts: faces so close that distances of this precision cannot order them.
 //!
 //! Two touching plates have two faces in one place. A ray must cross both, in the order that a vanishing gap would
 //! give. Distances cannot decide the order, because distances differ by rounding.
@@ -34,7 +34,8 @@ pub struct Contact {
     pub group: u32,
     /// The number of the face's bit in a ray's memory. Faces that overlap have different layers.
     pub layer: u32,
-    /// Position in the group along the normal of its first face. Faces that f64 cannot tell apart share one.
+    /// Position in the group along the normal of its first face. Faces whose heights are the same within the rounding
+    /// of f64 share a level.
     pub level: u32,
     /// True if the face's own normal points the other way.
     pub flipped: bool,
@@ -42,7 +43,7 @@ pub struct Contact {
     pub role: Role,
 }
 
-/// Decides whether a face of a level is met first. The discriminants are those of the shader.
+/// Decides whether a face of a level is met first. The shader has the same discriminants.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Role {
     /// A mirror or a refracting surface. Among several, sides and media decide.
@@ -91,7 +92,7 @@ impl Contacts {
     /// The contacts of a scene, for positions relative to `centre`.
     ///
     /// # Errors
-    /// [`Error::Usage`] if more faces lie in one place than a ray can tell apart.
+    /// [`Error::Usage`] if more faces lie in one place than a ray can number.
     pub fn of(ir: &SceneIr, centre: DVec3, precision: Precision) -> Result<Self> {
         let mut search = Search::new(ir, centre, precision);
         search.join_primitives();
@@ -398,7 +399,8 @@ impl<'a> Search<'a> {
         Ok(contacts.collect())
     }
 
-    /// The level of each member, by its height above `base`. Members that f64 cannot tell apart share a level.
+    /// The level of each member, by its height above `base`. Members whose heights are the same within the rounding of
+    /// f64 share a level.
     fn levels(&self, members: &[Unit], base: &Unit) -> Vec<u32> {
         let height = |unit: &Unit| {
             let sum: f64 = unit.points.iter().map(|&p| self.height(base, p)).sum();
@@ -416,8 +418,8 @@ impl<'a> Search<'a> {
         levels
     }
 
-    /// The faces of a member, its number, and for each face whether its normal points against that of the group's first
-    /// member.
+    /// The faces of a member, its number, and for each face whether its normal points against the normal of the group's
+    /// first member.
     fn faces_of(&self, unit: &Unit, number: usize, base: &Unit) -> Vec<(Member, usize, bool)> {
         let is_flipped = |normal: DVec3| normal.dot(base.normal) < 0.0;
         match unit.node {
@@ -718,7 +720,7 @@ impl Births {
 }
 
 /// The number of the plane of each face of a mesh. Faces in one plane agree within the rounding of f64, whatever the
-/// tier. Facets that a coarser tier cannot tell from flat still bound a solid.
+/// tier. Facets that are flat in a coarser tier still bound a solid.
 fn planes_of(mesh: &Mesh) -> Vec<u32> {
     /// Planes whose keys differ by more are not compared.
     const KEYS_APART: f64 = 1e-9;

@@ -1,5 +1,5 @@
-//! The bindings of all shaders: one list, from which WGSL takes its numbers (`@group(GROUP_SCENE) @binding(BINDING_SUMS)`),
-//! and the host those of its buffers.
+//! The bindings of all shaders in one list. WGSL takes its numbers from here
+//! (`@group(GROUP_SCENE) @binding(BINDING_SUMS)`), and so does the host for its buffers.
 
 use std::fmt::Write;
 

@@ -1,5 +1,5 @@
-//! The buffer of shaders/optics/tables.wgsl: tables of shapes and sources, then those of BSDFs, of what surfaces scatter
-//! towards, and of coatings.
+//! The buffer of shaders/optics/tables.wgsl: tables of shapes and sources, then of BSDFs, of targets of scattering, and
+//! of coatings.
 
 use crate::error::{Error, Result};
 use crate::model::{Coating, SceneIr, Shape, Source};
@@ -25,7 +25,7 @@ fn bits(table: &[f64]) -> Vec<u64> {
 }
 
 impl Places {
-    /// Those of a scene.
+    /// The tables of a scene.
     pub fn of(ir: &SceneIr) -> Self {
         let mut places = Places::default();
         for table in ir.surfaces.iter().filter_map(|surface| surface.shape.table()) {
@@ -66,7 +66,7 @@ impl Places {
         self.starts.get(&bits(table)).copied()
     }
 
-    /// The numbers that a shape's functions take, with the place of its table in that of the first.
+    /// The numbers that a shape's functions take. If it has a table, the first number is the table's place.
     pub fn arguments(&self, shape: &Shape) -> Vec<f64> {
         let mut arguments = shape.arguments();
         let start = shape.table().and_then(|table| self.start_of(table));
@@ -81,7 +81,7 @@ impl Places {
         self.of_sources.get(number).copied().flatten()
     }
 
-    /// The numbers that a source's function takes, with the place of its table in that of the last.
+    /// The numbers that a source's function takes. If it has a table, the last number is the table's place.
     pub fn source_arguments(&self, number: usize, source: &Source) -> Vec<f64> {
         let mut arguments = source.kind.arguments();
         let start = self.of_source(number);
@@ -94,7 +94,7 @@ impl Places {
     /// All tables, one after the other.
     ///
     /// # Errors
-    /// [`Error::Usage`] if those of shapes and sources are too many to have places.
+    /// [`Error::Usage`] if the tables of shapes and sources are too long for their places to be reals.
     pub fn numbers(&self) -> Result<&[f64]> {
         match self.num_of_reals {
             num if num > MAX_PLACE => Err(Error::Usage(format!(

@@ -21,8 +21,8 @@ pub struct Numbers {
 }
 
 /// True if live numbers of a precision lie in uniform buffers, which lavapipe reads twice to three times as fast as
-/// others. Not so numbers of 32 bits: where a condition depends on such uniforms alone, Mesa 22.3 compiles the shader
-/// anew for each of their values, and writes over its stack.
+/// others. Numbers of 32 bits do not lie there. Where a condition depends on such uniforms alone, Mesa 22.3 compiles
+/// the shader anew for each of their values, and writes over its stack.
 pub fn lie_in_uniforms(precision: Precision) -> bool {
     precision == Precision::F64
 }
@@ -60,7 +60,7 @@ impl Numbers {
         Ok(format!("numbers.n{}", table.len() - 1))
     }
 
-    /// The declaration of the table; nothing if there is none.
+    /// The declaration of the table. Empty without a table.
     pub fn declaration(&self) -> String {
         let count = self.table.as_ref().map_or(0, |table| table.borrow().len());
         if count == 0 {
@@ -80,7 +80,7 @@ impl Numbers {
         text
     }
 
-    /// The contents of the table; none if there is none.
+    /// The contents of the table, if there is one.
     ///
     /// # Errors
     /// [`crate::Error::Internal`] if the module has no such table.

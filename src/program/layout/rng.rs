@@ -1,4 +1,4 @@
-//! Keyed PCG32 draws, bit for bit those of Optiland: the host's part (the table of jumps) and the draws of the host.
+//! Keyed PCG32 draws, which equal Optiland's bit for bit: the table of jumps for the shader, and the draws of the host.
 //!
 //! A draw is a function of its key (seed, ray id, step = bounce + offset, slot) alone. With
 //! `initstate = splitmix64(seed)`, `inc = 2 splitmix64(ray_id GAMMA ^ slot SLOT) + 1`, `A_k = MULT^k` and
@@ -8,11 +8,12 @@
 //! state_k = A_k state_0 + B_k inc = P_k + Q_k inc,   P_k = A_{k+1} initstate,   Q_k = A_{k+1} + B_{k+1}
 //! ```
 //!
-//! since `A_k + B_k = B_{k+1}`. P and Q depend on the trace and the step alone: the shader finds them in a table, and a
-//! draw costs it one hash and one product.
+//! since `A_k + B_k = B_{k+1}`. P and Q depend on the trace and the step alone, so the shader finds them in a table. A
+//! draw then costs one hash and one product.
 //!
-//! Sources: O'Neill, PCG: A Family of Simple Fast Space-Efficient Statistically Good Algorithms for Random Number
-//! Generation, 2014; Steele, Lea and Flood, Fast Splittable Pseudorandom Number Generators, 2014.
+//! Source of PCG32: O'Neill, PCG: A Family of Simple Fast Space-Efficient Statistically Good Algorithms for Random
+//! Number Generation (2014). Source of splitmix64: Steele, Lea and Flood, Fast Splittable Pseudorandom Number
+//! Generators (2014).
 
 const MULT: u64 = 6_364_136_223_846_793_005;
 const GAMMA: u64 = 0x9E37_79B9_7F4A_7C15;

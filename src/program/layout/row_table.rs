@@ -16,7 +16,7 @@ pub struct RowTable {
     pub name: &'static str,
     /// Name of the variable and, with `_of`, of the function that gives a row.
     pub rows: &'static str,
-    /// Binding, of those of the scene, where the table lies in a buffer.
+    /// The binding, in the group of the scene, where the table lies in a buffer.
     pub binding: u32,
     /// Columns of reals lie in the buffer even where all rows share their value.
     live: bool,

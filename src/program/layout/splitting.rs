@@ -35,8 +35,8 @@ impl Splitting {
         (self.most_alive() - 1).max(1)
     }
 
-    /// Most rays of any family, those included that have ended: a ray with so many waiting is not split, so that of the
-    /// events of a lineage fewer than `most_alive` are splits at which it was reflected.
+    /// Most rays of any family, including rays that have ended. A ray with so many waiting is not split. So a lineage
+    /// was reflected at fewer than `most_alive` splits.
     pub fn most_rays(&self) -> u64 {
         let mut choices = 1;
         (0..u64::from(self.most_alive().min(self.depth + 1)))

@@ -1,8 +1,8 @@
 //! The buffers that sums and counters lie in, and how they are cut where they are larger than what an adapter binds.
 //!
-//! A buffer that is cut lies in several variables of the shaders, its parts: so many elements each, a power of two, that
-//! the high bits of an index choose the part and the low bits the element in it. The composed text is rewritten for it, so
-//! that shaders/ knows nothing of parts, and a scene whose sums fit has the text of the files.
+//! A buffer that is cut lies in several variables of the shaders, its parts. The number of elements of a part is a
+//! power of two. So the high bits of an index choose the part, and the low bits the element in it. Only the composed
+//! text is rewritten. So shaders/ knows nothing of parts, and a scene whose sums fit has the text of the files.
 
 use crate::error::{Error, Result};
 use crate::program::layout::bindings;

@@ -29,20 +29,21 @@ pub struct Cells {
     pub detectors: Vec<u32>,
     /// Number of cells.
     pub num_cells: u32,
-    /// First of the counters that tell whether a primitive was reached, where [`ReachedMarks`] are made.
+    /// First of the counters of whether a primitive was reached, where [`ReachedMarks`] are made.
     pub reached: u32,
-    /// The counter that tells whether splitting wanted more rays than the budget; behind the primitives'.
+    /// The counter of whether splitting wanted more rays than the budget. The counter lies behind the primitives'.
     pub saturated: Option<u32>,
-    /// First of the counters of rays on the wrong side, where media border on each other: one a surface for rays that enter
-    /// a medium twice, then one a primitive for rays that end inside (shaders/optics/wrong_sides.counted.wgsl).
+    /// First of the counters of rays on the wrong side, where media border on each other
+    /// (shaders/optics/wrong_sides.counted.wgsl). Each surface has one for rays that enter a medium twice. Then each
+    /// primitive has one for rays that end inside.
     pub wrong_sides: Option<u32>,
-    /// Number of counters: one a cell, one a primitive, one of splitting, and those of wrong sides.
+    /// Number of counters: one a cell, one a primitive, one of splitting, and the counters of wrong sides.
     pub num_counters: u32,
     /// Where the second moments lie, if they are summed on the device.
     pub moments: Option<MomentCells>,
     /// Copies of the detectors' cells, one behind the other, if each scramble of the points has its own.
     pub replicates: Option<ReplicateCells>,
-    /// Number of sums: the cells, and those of the second moments.
+    /// Number of sums: the cells of weights, and the cells of second moments.
     pub num_sums: u32,
 }
 
@@ -62,8 +63,8 @@ pub struct ReplicateCells {
 pub struct MomentCells {
     /// From a cell of a detector to the cell of its squares.
     pub squares_offset: u32,
-    /// First of the cells of sum and square per detector and source; none where the cells of the one source's rays add
-    /// up to them.
+    /// First of the cells of sum and square per detector and source. `None` where the cells of a single source's rays
+    /// add up to these.
     pub totals: Option<u32>,
     /// The sum of large squares.
     pub large_squares: u32,
@@ -208,8 +209,8 @@ impl Cells {
     }
 }
 
-/// True if a detector's squares add up to the square of what each ray left on it: all rays are of one source, and each
-/// meets one cell of one detector, unsplit.
+/// True if a detector's squares add up to the square of what each ray left on it. This holds if all rays are of one
+/// source, and each meets one cell of one detector, unsplit.
 pub fn cells_hold_totals(ir: &SceneIr) -> bool {
     ir.sources.len() == 1 && !splits(ir) && ir.detectors.iter().all(takes_rays_whole)
 }
@@ -219,10 +220,10 @@ pub fn takes_rays_whole(detector: &Detector) -> bool {
     detector.absorb && detector.kind.grid().is_none_or(|grid| grid.splat == Splat::Hard)
 }
 
-/// How shaders tell which surfaces were reached.
+/// How shaders record which surfaces were reached.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ReachedMarks {
-    /// Not at all: every surface absorbs, and where rays have ended tells it.
+    /// Not at all: every surface absorbs, so the ends of rays show it.
     None,
     /// As bits of one counter: few primitives, compiled in.
     Bits,
@@ -257,7 +258,7 @@ pub fn surface_records(ir: &SceneIr, centre: DVec3, features: &Features, places:
     let mut records = RowTable::new("Surface", "surface", bindings::SURFACES);
     records.uint("interaction", ir.surfaces.iter().map(|s| interaction_code(&s.interaction)));
     put_frames(&mut records, ir, ir.surfaces.iter().map(|s| &s.frame), centre);
-    // Of a shape that is no quadric they are not read.
+    // For a shape that is no quadric, these columns are not read.
     let quadrics = || ir.surfaces.iter().map(|s| s.shape.quadric().unwrap_or(Quadric::PLANE));
     records.real("radial", quadrics().map(|q| q.radial));
     records.real("axial", quadrics().map(|q| q.axial));

@@ -100,7 +100,8 @@ impl Composition<'_> {
     }
 }
 
-/// A function that calls one for the kind of the surface's BSDF, the last kind without a test; none where there is no kind.
+/// A function that calls one for the kind of the surface's BSDF, the last kind without a test. Empty where there is no
+/// kind.
 fn by_bsdf(kinds: &[BsdfKind], head: &str, call: impl Fn(&str) -> String) -> String {
     let Some((last, others)) = kinds.split_last() else {
         return String::new();

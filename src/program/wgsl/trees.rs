@@ -18,7 +18,7 @@ impl Composition<'_> {
         self.features.has_meshes() && self.precision() == Precision::F32
     }
 
-    /// The number of rows of triangles among those of trees.
+    /// The number of rows of triangles that lie among the rows of trees.
     pub(super) fn num_triangle_rows(&self) -> usize {
         if self.has_triangles_among_trees() { self.triangles.num_rows() } else { 0 }
     }

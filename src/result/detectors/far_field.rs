@@ -120,7 +120,7 @@ impl DetectorResult for FarFieldPattern {
 
 /// Optiland's: sin(theta centre) times the widths.
 fn solid_angles(rows: usize, columns: usize, reach: f64) -> Array1<f64> {
-    // A file of no bins has no second edge.
+    // A file may have no bins, and then it lacks a second edge.
     let width = |edges: Vec<f64>| edges.windows(2).next().map_or(0.0, |bin| (bin[1] - bin[0]).to_radians());
     let d_theta = width(bin_edges(0.0, reach, rows));
     let d_phi = width(bin_edges(-180.0, 180.0, columns));

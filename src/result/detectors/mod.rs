@@ -48,7 +48,7 @@ macro_rules! list {
                 }
             }
 
-            /// What a folder of results holds of a detector; none if no kind has the name.
+            /// What a folder of results holds of a detector. `None` if `kind` is unknown.
             pub(crate) fn read(kind: &str, stored: Stored) -> Result<Option<Self>> {
                 $(if kind == DetectorFunction::$name.name() {
                     return $file::$type::read(stored).map(|read| Some(DetectorData::$name(read)));

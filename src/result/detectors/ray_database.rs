@@ -73,7 +73,7 @@ impl RayDatabase {
     /// A database of rays in memory, which stand in the order of this program's files.
     ///
     /// # Errors
-    /// Those of [`RowWriter::push`](crate::result::RowWriter::push).
+    /// The errors of [`RowWriter::push`](crate::result::RowWriter::push).
     pub fn of_columns(frame: Frame, columns: &RayColumns, recorded: RecordedRays) -> Result<Self> {
         let mut wavelengths: Vec<f64> = columns.wavelength.to_vec();
         wavelengths.sort_by(f64::total_cmp);
@@ -151,7 +151,7 @@ impl RayDatabase {
     /// All rows in memory at once.
     ///
     /// # Errors
-    /// Those of [`Rows::for_each`].
+    /// The errors of [`Rows::for_each`].
     pub fn columns(&self) -> Result<RayColumns> {
         let rows = self.rows.to_vec()?;
         let reals = |value: &dyn Fn(usize) -> f64| (0..rows.len()).map(value).collect::<Array1<f64>>();
@@ -167,7 +167,7 @@ impl RayDatabase {
     /// Calls `take` with the place of each ray in the detector's frame, x and y \[mm\], and its wavelength \[um\].
     ///
     /// # Errors
-    /// Those of [`Rows::for_each`].
+    /// The errors of [`Rows::for_each`].
     pub fn for_each_point(&self, mut take: impl FnMut((f64, f64), f64)) -> Result<()> {
         let to_local = self.frame.rotation.transpose();
         self.rows.for_each(|event| {

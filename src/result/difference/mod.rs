@@ -218,8 +218,9 @@ impl<'a> Pairing<'a> {
             && a.kind.function() == b.kind.function()
     }
 
-    /// The difference of two traces, from their sums, the largest weight of a new ray, what a weight of each is worth, and
-    /// the spread of blocks. Lines of the ledger and detectors have spreads; times `scale`, they are the errors.
+    /// The difference of two traces. The difference follows from their sums, the largest weight of a new ray, what a
+    /// weight of each is worth, and the spread of blocks. Lines of the ledger and detectors have spreads. A spread
+    /// times `scale` is an error.
     ///
     /// # Errors
     /// [`Error::Internal`] if the sums are not of these scenes.

@@ -44,8 +44,8 @@ impl Spread {
         self.num_blocks
     }
 
-    /// The number of rays that the sum of this number rests on, if there are fewer rays than blocks. So few rays
-    /// seldom share a block. None where each block has some.
+    /// The number of rays that the sum of this number rests on, if there are fewer rays than blocks. So few rays seldom
+    /// share a block. `None` from as many rays on as there are blocks.
     pub(crate) fn rests_on(&self, number: usize) -> Option<u64> {
         self.lit.get(number).filter(|lit| **lit < self.num_blocks).map(|lit| u64::from(*lit))
     }

@@ -14,8 +14,9 @@ impl Profile {
     /// Where none is known to this relative error, there is no peak.
     const UNKNOWN: f64 = 0.1;
 
-    /// The index of the largest value that is known to 1 %, or half as well as the one known best: the cells of a far field at
-    /// its pole have a few rays each. Where errors are unknown, the largest of all.
+    /// The index of the largest value that is known to 1 %, or half as well as the value known best. Other values do
+    /// not count, because cells of a far field at its pole have a few rays each. Where errors are unknown, the largest
+    /// of all.
     pub(super) fn peak(&self) -> Option<usize> {
         let error = |index: usize| self.errors[index] / self.values[index];
         let lit = || (0..self.values.len()).filter(|index| self.values[*index] > 0.0);

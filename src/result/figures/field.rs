@@ -91,7 +91,8 @@ impl Field {
         })
     }
 
-    /// The map of a detector, in photometric units if it was traced for them; none of one without rows and columns.
+    /// The map of a detector, in photometric units if it was traced for them. `None` if the detector has no rows and
+    /// columns.
     pub fn of_detector(detector: &Detector) -> Option<Field> {
         let map = detector.data.result().map()?;
         Field::of_map(&match &detector.luminous {
@@ -200,7 +201,8 @@ impl Field {
         self.place(cell, (0.5, 0.5))
     }
 
-    /// A place of a cell, in the plot: (0, 0) is its corner at the smallest row and column, and (1, 1) the one at the largest.
+    /// A place of a cell, in the plot. (0, 0) is the corner at the smallest row and column, and (1, 1) the corner at
+    /// the largest.
     pub fn place(&self, (row, column): Cell, (down, along): (f64, f64)) -> (f64, f64) {
         let (rows, columns) = self.dim();
         let at = |index: f64, (low, high): (f64, f64), bins: usize| low + (high - low) * index / bins as f64;
@@ -215,8 +217,8 @@ impl Field {
         }
     }
 
-    /// The same field in larger cells, of so many rows and columns each, which divide those of the field. The flux of cells is
-    /// kept. Errors are those of cells that are independent.
+    /// The same field in larger cells of `by` rows and columns each. `by` divides the rows and the columns of the
+    /// field. The flux of cells is kept. Errors hold for cells that are independent.
     pub fn coarser(&self, by: usize) -> Field {
         let (rows, columns) = self.dim();
         let (num_rows, num_columns) = (rows / by, columns / by);

@@ -9,9 +9,10 @@ use std::collections::BTreeMap;
 pub struct Figure {
     /// The value.
     pub value: f64,
-    /// Its standard error; none where errors of cells are unknown.
+    /// Its standard error. `None` if errors of cells are unknown.
     pub standard_error: Option<f64>,
-    /// By how much noise as large as the map's own moves it; none where errors of cells are unknown. The value is not corrected.
+    /// By how much noise as large as the map's own moves the value. `None` if errors of cells are unknown. The value is
+    /// not corrected.
     pub noise_bias: Option<f64>,
 }
 
@@ -45,7 +46,7 @@ pub struct Figures {
 }
 
 impl Figures {
-    /// True of a far field, whose regions are cones [deg]. Those of other detectors are in mm.
+    /// True of a far field, whose regions are cones [deg]. Regions of other detectors are in mm.
     pub(super) fn is_of_directions(&self) -> bool {
         self.unit == "cd" || self.unit.ends_with("/sr")
     }

@@ -90,7 +90,8 @@ struct Total {
     flux: f64,
     error: Option<f64>,
     num_rays: f64,
-    /// The variance of a sum of many cells over that of independent cells: a ray that is splatted brings light to neighbours.
+    /// The variance of a sum of many cells over the variance if cells were independent. A ray that is splatted brings
+    /// light to neighbours.
     splat: f64,
     are_draws: bool,
 }
@@ -202,8 +203,9 @@ fn pixels_of(field: &Field, [columns, rows]: [usize; 2], detector: &Detector) ->
     )))
 }
 
-/// Least, mean and largest value, and how even that is. Least and largest are those of the cells that belong to a part by half at
-/// least. The mean is `mean`, the flux of the part over its size, which noise moves as it moves the cells.
+/// Least, mean and largest value, and how even that is. Only cells that belong to the part by half at least count for
+/// the least and the largest value. The mean is `mean`, the flux of the part over its size, which noise moves as it
+/// moves the cells.
 fn evenness(field: &Field, shares: &Array2<f64>, mean: Option<f64>, has_errors: bool) -> Named {
     let is_polar = field.geometry == CellGeometry::Polar;
     let mean_of_cells = |field: &Field| {
@@ -268,8 +270,8 @@ fn widths(field: &Field, has_errors: bool) -> Named {
     named(["fwhm_x_mm", "fwhm_y_mm"], with_errors(field, has_errors, of))
 }
 
-/// Full angles in which the intensity is at least half (beam), or a tenth (field), of the largest: of the mean over all azimuths,
-/// and in the planes C0 and C90.
+/// Full angles in which the intensity is at least half (beam), or a tenth (field), of the largest. Each is given for
+/// the mean over all azimuths, and in the planes C0 and C90.
 fn angles(field: &Field, total: &Total) -> Named {
     let (_, columns) = field.dim();
     let all: Vec<usize> = (0..columns).collect();

@@ -1,8 +1,9 @@
 //! What noise as large as a map's own does to a figure.
 //!
-//! A parametric bootstrap (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, section 6.5): normal noise of the cells'
-//! standard errors is added to the map again and again. The spread of a figure between these maps is its standard error.
-//! Their mean shift from the figure says what noise does to it: it lowers the least of many cells, and raises the largest.
+//! A parametric bootstrap: normal noise of the cells' standard errors is added to the map again and again. Source:
+//! Efron and Tibshirani, An Introduction to the Bootstrap (1993), section 6.5. The spread of a figure between these
+//! maps is its standard error. Their mean shift from the figure says what noise does to it: it lowers the least of many
+//! cells, and raises the largest.
 
 use crate::random::Draw;
 use crate::result::figures::field::Field;
@@ -11,7 +12,7 @@ use crate::result::figures::found::Figure;
 /// Maps with noise. The standard error of a standard error of so many is 5 %.
 const NOISY_MAPS: usize = 200;
 
-/// Figures of a field, of which some may not exist, with their errors if those of its cells are known.
+/// Figures of a field, of which some may not exist. Figures have errors if the errors of the field's cells are known.
 pub(super) fn with_errors<const N: usize>(
     field: &Field,
     has_errors: bool,

@@ -35,8 +35,8 @@ pub(crate) fn neighbours(solid_angles: &[f64], columns: usize) -> Vec<usize> {
 /// Half of the width of the sector of azimuths that stands for a half plane \[deg\].
 const SECTOR: f64 = 5.0;
 
-/// The columns of azimuths that stand for a half plane at this azimuth \[deg\]: those within 5 degrees, but at least the one or two
-/// beside it.
+/// The columns of azimuths that stand for a half plane at this azimuth \[deg\]. All within 5 degrees count, but at
+/// least the one or two beside it.
 pub(crate) fn sector(columns: usize, azimuth: f64) -> Vec<usize> {
     let half = SECTOR.max(180.0 / columns as f64) + 1e-9;
     let at = |column: usize| -180.0 + 360.0 * (column as f64 + 0.5) / columns as f64;
@@ -219,8 +219,8 @@ fn around(x: f64, y: f64) -> f64 {
     if x >= 0.0 { across } else { 2.0_f64.copysign(y) - across }
 }
 
-/// The interval between `edges` that holds `value`, looked for at `guess` and beside it first; the first and the last one
-/// hold what lies beyond them too.
+/// The interval between `edges` that holds `value`, looked for at `guess` and beside it first. The first and the last
+/// interval also hold what lies beyond them.
 fn interval(guess: usize, value: f64, edges: &[f64]) -> usize {
     let holds = |at: &usize| edges[*at] <= value && edges.get(at + 1).is_some_and(|&next| value < next);
     let near = [guess, guess + 1, guess.saturating_sub(1)].into_iter().find(holds);

@@ -21,8 +21,8 @@ pub fn ticks_that_fit(range: (f64, f64), count: usize, fits: impl Fn(&[Tick]) ->
     (2..=count).rev().map(|count| ticks(range, count)).find(|ticks| fits(ticks))
 }
 
-/// A tick labelled with the decimals that a step needs, so that all labels of an axis have as many, and with a true
-/// minus sign.
+/// A tick with its label. Labels have a true minus sign, and the decimals that a step needs, so that all labels of an
+/// axis have as many.
 pub fn tick(value: f64, step: f64) -> Tick {
     const MOST_DECIMALS: f64 = 6.0;
     let decimals = (-(step.log10() + 1e-9).floor()).max(0.0);

@@ -8,8 +8,8 @@ use crate::run::gradients::scaled::Scaled;
 /// The weight of a quantum.
 pub(super) const QUANTUM: f64 = 1.0 / (1_u64 << 52) as f64;
 
-/// From sums of tangents to derivatives in the units of maps. A flux is the total flux times a share, and a map's value is
-/// a flux over the size of a cell: the parameter may change all three.
+/// From sums of tangents to derivatives in the units of maps. A flux is the total flux times a share, and a map's value
+/// is a flux over the size of a cell. The parameter may change all three.
 pub(super) struct Chain {
     /// What a unit of weight is worth, and its derivative \[W, W per unit of the parameter\].
     pub(super) unit: [f64; 2],
@@ -95,7 +95,7 @@ impl Chain {
     }
 }
 
-/// The sizes of a map's cells, row by row, and the map's shape; none of a detector without a map.
+/// The sizes of a map's cells, row by row, and the map's shape. `None` if the detector has no map.
 pub(super) fn sizes(ir: &SceneIr, number: usize) -> Result<Option<(Vec<f64>, ndarray::IxDyn)>> {
     let detector = &ir.detectors[number];
     if detector.num_cells() == 0 {

@@ -207,8 +207,8 @@ fn seen_by(precision: Precision) -> f64 {
     if precision == Precision::F32 { 0.5 / MOST_EDGE_RAYS as f64 } else { 1e-9 }
 }
 
-/// The light that the parameter of this number moves among cells, or adds to them, by a change of its natural size; as a share
-/// of all light.
+/// The light that the parameter of this number moves among cells, or adds to them, as a share of all light. The
+/// parameter changes by its natural size.
 fn light_moved(sums: &Tally, number: usize) -> f64 {
     let tangents = sums.detectors.iter().flat_map(|detector| detector.tangents_by(number));
     tangents.map(|tangent| tangent.unsigned_abs()).sum::<u128>() as f64 / sums.launched.quanta as f64

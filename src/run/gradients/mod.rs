@@ -1,8 +1,8 @@
 //! Maps of derivatives: what each parameter does to each pixel, by forward derivatives of the trace
 //! ([`crate::program::rewrite::jvp`]).
 //!
-//! The derivative is that of the interior: of light that goes on through the surfaces that it meets. What a change moves
-//! across an edge, such as the rim of a lens, is not in it; `nsq-gpu diff` sees both.
+//! The derivative covers the interior: light that goes on through the surfaces that it meets. What a change moves
+//! across an edge, such as the rim of a lens, is missing. `nsq-gpu diff` sees both.
 
 mod chain;
 mod edges;
@@ -85,7 +85,7 @@ pub struct How<'a> {
     pub edit: Option<&'a dyn Fn(String) -> String>,
 }
 
-/// Refuses a wavelength where a medium is a table, whose slope is that of a straight line between two samples.
+/// Refuses a wavelength where a medium is a table, which has only straight lines between two samples.
 fn refuse_by_wavelength(scene: &Scene, name: &str) -> Result<()> {
     let is_wavelength = name.split('.').any(|part| part == "wavelengths");
     match scene.tabulated_medium().filter(|_| is_wavelength) {
@@ -187,13 +187,14 @@ impl Differentiated {
         self.parameters.len().div_ceil(MOST_PARAMETERS) as u64
     }
 
-    /// The derivatives of every detector by every parameter, and the sums of the trace. `keep_going` gets the rays done of
-    /// all passes, and ends the trace by returning false: what is found then is that of all passes done, or of the rays that the
-    /// first pass has done. Where the very first call ends the trace, there is nothing.
+    /// The derivatives of every detector by every parameter, and the sums of the trace. `keep_going` gets the rays done
+    /// of all passes, and ends the trace by returning false. The result then covers all passes done, or the rays that
+    /// the first pass has done. Where the very first call ends the trace, there is no result.
     ///
     /// # Errors
-    /// [`Error::Usage`] for options that make no sense, for a parameter whose change changes what the scene is made of, and for
-    /// one that acts at edges alone. [`Error::Interrupted`] if the first call ended it. [`Error::Device`] if the device fails.
+    /// [`Error::Usage`] for options that make no sense, for a parameter that changes what the scene is made of, or one
+    /// that acts at edges alone. [`Error::Interrupted`] if the first call ended it. [`Error::Device`] if the device
+    /// fails.
     pub fn gradients(
         &self,
         gpu: &Gpu,
@@ -243,8 +244,9 @@ impl Differentiated {
         rounding(precision) * largest(adjoints) * self.ir.emitted_flux()
     }
 
-    /// The gradient of a loss by all parameters: what the loss gains by a unit of each. `adjoints` says for each detector what
-    /// the loss gains by a watt in each cell \[1/W\]: in the order of its array, and one number of a detector without cells.
+    /// The gradient of a loss by all parameters: what the loss gains by a unit of each. `adjoints` says for each
+    /// detector what the loss gains by a watt in each cell \[1/W\], in the order of its array. A detector without cells
+    /// has one number.
     ///
     /// Rays are walked back once, however many parameters there are. Parameters of what has no reverse pass are
     /// differentiated forward.
@@ -481,7 +483,7 @@ impl Differentiated {
         if done == 0 {
             return Err(Error::Interrupted);
         }
-        // Of a part of the rays, fluxes are those of all that the sources emit, shared among that part.
+        // After a stop, the rays so far share all flux that the sources emit.
         let scale = num_rays as f64 / done as f64;
         let scaled = |values: Vec<f64>| values.into_iter().map(|value| scale * value).collect::<Vec<_>>();
         let mut found = Vec::new();

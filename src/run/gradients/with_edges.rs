@@ -26,8 +26,8 @@ impl Differentiated {
         edges::add(&self.parameters, gpu, &self.edge_options(options, cache), cache, gradients, keep_going)
     }
 
-    /// The derivatives of a loss by differences of two traces, as [`Differentiated::add_edges`]; `adjoints` are those of
-    /// [`Differentiated::loss_gradient`].
+    /// The derivatives of a loss by differences of two traces, as [`Differentiated::add_edges`] finds them. `adjoints`
+    /// are as in [`Differentiated::loss_gradient`].
     ///
     /// # Errors
     /// As [`Differentiated::add_edges`].

@@ -86,14 +86,14 @@ pub struct Quantiles {
     pub name: String,
     /// The flux of the scene as it is \[W\].
     pub nominal: f64,
-    /// The least, those of 5, 50 and 95 %, and the most \[W\]; none without a sample.
+    /// The least, the quantiles of 5, 50 and 95 %, and the most \[W\]. `None` if there is no sample.
     pub quantiles: [Option<f64>; 5],
 }
 
 impl Sweep {
     /// Traces every point. `ask` gets the place and the run of each point, and may ask for more. `next` gets how far a
-    /// point's trace has come, and says how to go on; a point that is cancelled is left out, and ends the sweep. `after_point`
-    /// gets each result.
+    /// point's trace has come, and says how to go on. A point that is cancelled is left out, and ends the sweep.
+    /// `after_point` gets each result.
     pub fn go(
         self,
         session: &mut Session,

@@ -104,7 +104,7 @@ fn report_of(dir: &Path) -> Result<Vec<u8>> {
     std::fs::read(&path).map_err(|error| Error::file(path, error))
 }
 
-/// Without hashes, an unknown key tells of damage: that key may have been `meta`.
+/// Without hashes, an unknown key is a sign of damage: that key may have been `meta`.
 fn check_keys(report: &Value, damaged: &mut impl FnMut(&str)) {
     let Some(keys) = report.as_object() else { return damaged("is damaged: it holds no object") };
     let unknown = keys.keys().filter(|key| !Report::has_key(key));

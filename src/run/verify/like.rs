@@ -1,4 +1,4 @@
-//! What the traces of a verification have in common: options like those of the result, and draws that follow from its hash.
+//! What the traces of a verification have in common: options like the result's, and draws that follow from its hash.
 
 use crate::error::Result;
 use crate::model::{PathFilter, SceneIr};

@@ -313,7 +313,7 @@ impl Verify {
         Ok(is_same && covers_all)
     }
 
-    /// The scene that was named, or that of the result, with its path. `None` where the result's is not there any more.
+    /// The scene that was named, or the result's scene, with its path. `None` if the result's scene is missing by now.
     fn scene_of(
         &self,
         stored: &TraceResult,

@@ -201,7 +201,7 @@ fn options_of(stored: &TraceResult, identity: &Identity, ir: &SceneIr) -> Result
     })
 }
 
-/// Compares the rows of ray databases, which no hash of sums holds, with those of rays that were traced again.
+/// Compares the rows of ray databases, which no hash of sums holds, with rows of rays that were traced again.
 fn compare_rows(
     (stored, report): (&TraceResult, &Value),
     ir: &SceneIr,

@@ -1,11 +1,11 @@
 //! Whether other rays of the scene agree with a result, by standard errors.
 //!
-//! The rays have a seed that follows from the hash of the result, so that nobody who writes a result can choose them. The
-//! errors of the ledger's lines come from the scatter of [`NUM_RANGES`] blocks of these rays, and those of detectors from
-//! the moments that traces sum up.
+//! The rays have a seed that follows from the hash of the result, so that nobody who writes a result can choose them.
+//! The errors of the ledger's lines come from the scatter of [`NUM_RANGES`] blocks of these rays. The errors of
+//! detectors come from the moments that traces sum up.
 //!
-//! A right result fails less than once in a million: all its numbers together are as rarely beyond their limits as a single
-//! one beyond 5 standard errors. The lines of a ledger have limits by Student's t.
+//! A right result fails less than once in a million. All its numbers together are as rarely beyond their limits as a
+//! single one is beyond 5 standard errors. The lines of a ledger have limits by Student's t.
 
 use crate::error::Result;
 use crate::format::significant;
@@ -49,7 +49,7 @@ pub struct OtherRays {
     pub detectors: ResultComparison,
 }
 
-/// A number of a result, beside that of other rays.
+/// A number of a result, beside the same number by other rays.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Quantity {
     /// What it is.
@@ -121,7 +121,7 @@ pub(super) fn trace(
     })
 }
 
-/// A trace like that of the result, of other rays.
+/// A trace like the result's, of other rays.
 fn run_of<'a>(
     stored: &TraceResult,
     scene: &'a Scene,
@@ -147,7 +147,7 @@ fn run_of<'a>(
     Ok(Run::of(scene, ir).options(options).max_depth(told.max_depth).precision(precision).on(gpu))
 }
 
-/// A seed that follows from the hash of the result, and is not that of its trace.
+/// A seed that follows from the hash of the result, and differs from the seed of its trace.
 fn seed_of(sha256: &str, traced: u64) -> u64 {
     let seed = word_of(&format!("other rays of {sha256}"), 4);
     seed + u64::from(seed == traced)
@@ -157,7 +157,8 @@ fn all_lines(ledger: &Ledger) -> Vec<(&'static str, LedgerEntry)> {
     [&ledger.sources()[1..], &ledger.destinations()[..]].concat()
 }
 
-/// The lines of the ledger, but for what was launched, and the limit for them, from that of numbers with a known error.
+/// The lines of the ledger, except what was launched, and their limit. The limit follows from `limit`, which is for
+/// numbers with a known error.
 fn lines(stored: &TraceResult, other: &TraceResult, spread: &Spread, limit: f64) -> (Vec<Quantity>, f64) {
     let errors = spread.errors().unwrap_or_default();
     let (ours, others) = (all_lines(&stored.ledger), all_lines(&other.ledger));

@@ -24,8 +24,8 @@ const LAMP_RENDERING: &str = "_LAMPCRI";
 /// Reads a EULUMDAT file. Intensities are multiplied by the lumens of the first set of lamps and by the
 /// conversion factor.
 ///
-/// Negative numbers of lamps mark absolute photometry, by an agreement of the makers of programs in 2009: the
-/// lumens are those of the luminaire then, and intensities are for 1000 of them as ever.
+/// Negative numbers of lamps mark absolute photometry, by an agreement of the makers of programs in 2009. The lumens
+/// are then the luminaire's. Intensities are for 1000 lumens, as ever.
 ///
 /// # Errors
 ///
@@ -202,7 +202,7 @@ enum Comma {
     Either,
 }
 
-/// None of what is no number with one comma.
+/// What the comma of a number may be. `None` unless the word is a number with one comma.
 fn comma(word: &str) -> Option<Comma> {
     let (whole, decimals) = word.split_once(',')?;
     let are_digits = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
@@ -347,9 +347,8 @@ impl Grid {
         }
     }
 
-    /// The angles of the planes whose intensities are stored, in their order: those of C90-C270 as a mirror
-    /// begin with C270, which is -90, and go on through C0 to C90. The other planes must be mirror images of
-    /// these.
+    /// The angles of the planes whose intensities are stored, in their order. With C90-C270 as a mirror, the planes
+    /// begin with C270, which is -90, and go on through C0 to C90. The other planes must be mirror images of these.
     fn stored_angles(&self, angles: &[f64], first: usize) -> Checked<Vec<f64>> {
         let count = angles.len();
         let kept: Vec<f64> = match self.symmetry {

@@ -251,8 +251,8 @@ impl Fields {
         Ok(Fields { lamps, lumens, multiplier, polar, planes, size, ballast, third, watts })
     }
 
-    /// What all intensities are multiplied by. The number after the ballast factor is a factor in all
-    /// versions before 2019, if it is not 1; since 1995 it ought to be 1.
+    /// What all intensities are multiplied by. The number after the ballast factor is a factor in all versions before
+    /// 2019, if it is not 1. Since 1995 it ought to be 1.
     fn factor(&self, version: Version, remarks: &mut Vec<String>) -> f64 {
         if version == Version::Of2019 {
             return self.multiplier * self.ballast;
@@ -393,8 +393,8 @@ fn symmetry(angles: &[f64]) -> Option<Symmetry> {
     }
 }
 
-/// The opening by the signs of its width, length and height. A negative extent is that of something round.
-/// The pairs of signs changed their meaning in 2002; until then one negative extent was enough for a disk.
+/// The opening by the signs of its width, length and height. A negative extent means something round. The pairs of
+/// signs changed their meaning in 2002; until then one negative extent was enough for a disk.
 fn opening([width, length, height]: [f64; 3], version: Version, remarks: &mut Vec<String>) -> Opening {
     let is_new = version >= Version::Of2002;
     let (across, along) = (width.abs(), length.abs());

@@ -108,9 +108,9 @@ impl Lamp {
 
 /// Azimuths and their rows of planes C and theirs, or the other way round.
 ///
-/// Planes C are counted counter-clockwise as seen from above a lamp that shines down (IES LM-63; so reads Radiance's `ies2rad`,
-/// with C90 at +y where light goes to -z). A source shines along its +z, from which azimuths run the other way: plane C
-/// lies at the azimuth 360 - C, and C90 at -y.
+/// Planes C are counted counter-clockwise as seen from above a lamp that shines down (IES LM-63). Radiance's `ies2rad`
+/// reads planes so, with C90 at +y where light goes to -z. A source shines along its +z, from which azimuths run the
+/// other way. So plane C lies at the azimuth 360 - C, and C90 at -y.
 pub fn azimuths_of(planes: &[f64], rows: &[Vec<f64>]) -> (Vec<f64>, Vec<Vec<f64>>) {
     match planes {
         [_] => (planes.to_vec(), rows.to_vec()),

@@ -37,7 +37,7 @@ use zemax_text::Lines;
 
 /// Rays that are read at once where all are wanted.
 const CHUNK: u64 = 1 << 14;
-/// Relative difference of a stated flux from the sum of the rays that is taken for rounding: eight roundings
+/// Up to this relative difference, a stated flux differs from the sum of the rays by rounding. This is eight roundings
 /// of the f32 that both are kept in. Programs that sum in f32 have more than one.
 const ROUNDED_FLUX: f64 = 1.0 / (1 << 20) as f64;
 
@@ -74,7 +74,7 @@ impl RayFile {
 }
 
 impl<R: Read + Seek> RayFile<R> {
-    /// As [`RayFile::open`]. The format is that of the first bytes; the name decides for text alone.
+    /// As [`RayFile::open`]. The first bytes decide the format. The name decides for text alone.
     ///
     /// # Errors
     /// As [`RayFile::open`].
@@ -113,8 +113,8 @@ impl<R: Read + Seek> RayFile<R> {
     /// Puts the rays of a range in place of what the vector holds. Any range may be read at any time.
     ///
     /// # Errors
-    /// If the file has not as many rays, cannot be read, or holds a ray that is none: no unit direction, a
-    /// flux below 0, or a number that is not finite.
+    /// If the file has fewer rays, cannot be read, or holds a wrong ray. A ray is wrong by a direction of another
+    /// length than 1, a flux below 0, or a number that is not finite.
     pub fn read(&mut self, range: Range<u64>, rays: &mut Vec<Ray>) -> Result<()> {
         rays.clear();
         self.check_range(&range)?;
@@ -163,7 +163,7 @@ impl<R: Read + Seek> RayFile<R> {
     /// the file launches.
     ///
     /// # Errors
-    /// Those of [`RayFile::read`], those of `take`, and if the sum is beyond f64.
+    /// The errors of [`RayFile::read`] and of `take`, and if the sum is beyond f64.
     pub fn for_each<E: From<Error>>(
         &mut self,
         mut take: impl FnMut(u64, &Ray) -> std::result::Result<(), E>,
@@ -193,10 +193,10 @@ impl<R: Read + Seek> RayFile<R> {
         Err(Error::new("the sum of all rays", problem, "state it in a larger unit").into())
     }
 
-    /// The flux of all rays: that of [`RayFile::for_each`].
+    /// The flux of all rays, as [`RayFile::for_each`] gives it.
     ///
     /// # Errors
-    /// Those of [`RayFile::for_each`].
+    /// The errors of [`RayFile::for_each`].
     #[cfg(test)]
     fn sum_flux(&mut self) -> Result<f64> {
         self.for_each(|_, _| Ok(()))

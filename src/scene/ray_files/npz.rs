@@ -1,8 +1,8 @@
 //! Columns of a ray database, `.npz`.
 //!
-//! Source of the layout: NumPy's `numpy.lib.format` (`.npy`) in a zip archive, as `numpy.savez` writes it.
-//! The columns are those that `nsq-gpu trace` writes for a ray database: `x`, `y`, `z` in mm, `L`, `M`, `N`,
-//! `flux` in W, `wavelength` in um, and `ray_id`, which is not read.
+//! Source of the layout: NumPy's `numpy.lib.format` (`.npy`) in a zip archive, as `numpy.savez` writes it. The columns
+//! are as `nsq-gpu trace` writes them for a ray database: `x`, `y`, `z` in mm, `L`, `M`, `N`, `flux` in W, and
+//! `wavelength` in um. `ray_id` is not read.
 //!
 //! The members are stored, not compressed. So any ray is found by its number, and a range is read without
 //! the rest.

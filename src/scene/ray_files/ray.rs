@@ -165,7 +165,7 @@ impl FluxKind {
 
 impl LengthUnit {
     pub(super) const MILLIMETRE: LengthUnit = LengthUnit { symbol: "mm", millimetres: 1.0 };
-    /// Those of Zemax source files, each at its number.
+    /// The units of Zemax source files, each at its number.
     const ZEMAX: [LengthUnit; 5] = [
         LengthUnit { symbol: "m", millimetres: 1000.0 },
         LengthUnit { symbol: "in", millimetres: 25.4 },

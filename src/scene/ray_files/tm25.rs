@@ -1,7 +1,7 @@
 //! IES TM-25-13 ray files, `.tm25ray`, read.
 //!
-//! Source of the layout: IES TM-25-13, "Ray File Format for the Description of the Emission Properties of
-//! Light Sources", section 4.7; checked against files of ams OSRAM, LightTools and TM25RaySetTools.
+//! Source of the layout: IES TM-25-13, "Ray File Format for the Description of the Emission Properties of Light
+//! Sources", section 4.7. The reader was checked against files of ams OSRAM, LightTools and TM25RaySetTools.
 //!
 //! A header of 36,288 bytes: file (256), known data flags (32), nine texts of 1000 UTF-32 characters. Then
 //! spectral tables, zeros up to a multiple of 32 bytes, names of additional columns, an additional text, rays.
@@ -208,7 +208,7 @@ fn spectrum(bytes: &[u8], start: u64) -> Result<Vec<(f64, f64)>> {
     Ok(spectrum)
 }
 
-/// Names of the additional columns. The place is then that of the first ray.
+/// Names of the additional columns. `place` then leads to the first ray.
 fn additional_names(
     reader: &mut (impl Read + Seek),
     head: &[u8],

@@ -1,4 +1,4 @@
-//! IES TM-25-13 ray files, `.tm25ray`, written: the layout is that of [`super::tm25`].
+//! Writes IES TM-25-13 ray files, `.tm25ray`, in the layout of [`super::tm25`].
 
 use std::io::{BufWriter, Seek, SeekFrom, Write};
 

@@ -1,7 +1,7 @@
 //! Binary source files of Zemax OpticStudio, `.DAT` and `.SDF`, read.
 //!
-//! Source of the layout: the help of OpticStudio, "Source File", sections "Binary Source File format" and
-//! "Text Source File format"; and Zemax's article "Converting a binary Source File into ASCII".
+//! Sources of the layout: the help of OpticStudio, "Source File", sections "Binary Source File format" and "Text Source
+//! File format". Also Zemax's article "Converting a binary Source File into ASCII".
 //!
 //! A header of 208 bytes, then rays of seven f32 (flux only) or eight (spectral color). The program that
 //! defines the format uses four fields of the header: rays, unit of length, format of rays, kind of flux.

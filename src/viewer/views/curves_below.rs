@@ -58,7 +58,7 @@ struct Lines<'a> {
     other: Option<&'a Field>,
     line: Line,
     log: bool,
-    /// That of the colour bar, with its factor.
+    /// The colour bar's prefix, with its factor.
     prefix: (f64, &'static str),
 }
 

@@ -25,7 +25,7 @@ pub(super) fn figures(app: &mut App, ui: &mut Ui) {
         "Least, mean and largest value, Emin/Emean, Emin/Emax, widths, beam and field angle: of the detector, and of the region that is marked.",
     );
     if asks.clicked() {
-        // Of a far field, regions are cones; those of the plot are not.
+        // Regions of a far field are cones, and a region of the plot is no cone.
         let regions = region.filter(|_| matches!(detector.data, DetectorData::Irradiance(_)));
         let asked = Asked { regions: regions.into_iter().collect(), cells: None };
         let found = judge(result, detector, &asked);

@@ -3,8 +3,8 @@
 use crate::model::PolarTable;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-/// Places and weights of Gauss's rule of eight points, of the half from 0 to 1 of -1 to 1 (Abramowitz and Stegun, Handbook of
-/// Mathematical Functions, table 25.4).
+/// Places and weights of Gauss's rule of eight points on -1 to 1, for the half from 0 to 1. Source: Abramowitz and
+/// Stegun, Handbook of Mathematical Functions, table 25.4.
 const GAUSS: [(f64, f64); 4] = [
     (0.183_434_642_495_649_8, 0.362_683_783_378_362),
     (0.525_532_409_916_329, 0.313_706_645_877_887_27),
@@ -12,8 +12,8 @@ const GAUSS: [(f64, f64); 4] = [
     (0.960_289_856_497_536_3, 0.101_228_536_290_376_26),
 ];
 
-/// The integral of the values times the cosine of scatter, which is that of the direction with the normal. The azimuth is
-/// integrated in closed form, the radial angle by Gauss's rule. Relative error: 1e-13.
+/// The integral of the values times the cosine of the direction with the normal. The azimuth is integrated in closed
+/// form, the radial angle by Gauss's rule. Relative error: 1e-13.
 pub(super) fn within_hemisphere(values: &PolarTable, incidence_deg: f64) -> f64 {
     /// Longest step of the radial angle \[rad\].
     const LONGEST_STEP: f64 = 0.05;

@@ -1,9 +1,9 @@
 //! Measured scattering with azimuth: values over the angle of incidence, and over two angles about the specular direction.
 //!
-//! The radial angle is the angle from the specular direction. The azimuth turns about the specular direction: it is 0 towards
-//! the normal, and grows counter-clockwise, looking against the specular ray (R. Rykowski, Zemax tabular BSDF
-//! data file format). Values are linear in each angle. Beyond the last radial angle and below the surface they are 0. Beyond the
-//! angles of incidence those of the nearest one count.
+//! The radial angle is the angle from the specular direction. The azimuth turns about the specular direction, from 0
+//! towards the normal. The azimuth grows counter-clockwise, looking against the specular ray (R. Rykowski, Zemax
+//! tabular BSDF data file format). Values are linear in each angle. Beyond the last radial angle and below the surface
+//! they are 0. Beyond the angles of incidence, the values of the nearest one count.
 
 mod csv;
 mod grid;

@@ -26,8 +26,9 @@ pub struct MeasuredRow {
 }
 
 impl MeasuredTable {
-    /// The table of shaders/bsdfs/measured.wgsl: angles of incidence \[deg\]; for each the light of its row over all directions,
-    /// which no cosine lessens, and where its [`PolarTable::numbers`] begin. There are two rows at least.
+    /// The table of shaders/bsdfs/measured.wgsl. Angles of incidence \[deg\] come first. Then each angle has the light
+    /// of its row over all directions, which no cosine lessens, and where its [`PolarTable::numbers`] begin. There are
+    /// two rows at least.
     pub(super) fn numbers(&self, level: f64) -> Vec<f64> {
         /// Any angle beyond the only one of a table.
         const BEYOND: f64 = 1.0;
@@ -53,8 +54,8 @@ impl MeasuredTable {
         numbers
     }
 
-    /// What the user should know: shares that the values do not add up to, angles of incidence that were not measured, and rows that
-    /// give more light than they get.
+    /// What the user should know. Shares may differ from what the values add up to. Angles of incidence may not have
+    /// been measured. Rows may give more light than they get.
     pub(super) fn warnings(&self, name: &str) -> Vec<String> {
         /// Measured tables exceed 1 by their own errors.
         const TOLERANCE: f64 = 1e-3;

@@ -13,7 +13,7 @@ use std::collections::HashMap;
 
 type Value = Handle<Expression>;
 
-/// A value's tangents, one for each parameter; none where all are zero.
+/// A value's tangents, one for each parameter. `None` where all are zero.
 type Tangents = Option<Vec<Value>>;
 
 /// The function as it was, with the new handles of what it calls.

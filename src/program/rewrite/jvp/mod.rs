@@ -1,11 +1,12 @@
 //! Derivatives of a program, in forward mode: beside every real goes its tangent, the derivative by a parameter.
 //!
-//! The physics is composed as for a plain trace, parsed, and rewritten in naga's representation, as [`crate::program::rewrite::df64`]
-//! does. Loops, draws and decisions stay those of the plain program, made of the same expressions. A function gets a twin
-//! that takes and gives tangents; a variable, and a buffer that holds numbers of the scene, get twins for each parameter.
+//! The physics is composed as for a plain trace, parsed, and rewritten in naga's representation, as
+//! [`crate::program::rewrite::df64`] does. Loops, draws and decisions stay as they are in the plain program, made of
+//! the same expressions. A function gets a twin that takes and gives tangents. A variable gets a twin for each
+//! parameter, and so does a buffer that holds numbers of the scene.
 //!
-//! Some functions have a rule of their own ([`rules`]): the search for the next hit is not differentiated, `attached` and
-//! `detached` say what a derivative is to see, and `note` sends a tangent to its sum.
+//! Some functions have a rule of their own ([`rules`]). The search for the next hit is not differentiated. `attached`
+//! and `detached` say what a derivative is to see, and `note` sends a tangent to its sum.
 //!
 //! Source: Griewank and Walther, Evaluating Derivatives (2008), section 3.1, forward propagation of tangents.
 

@@ -14,8 +14,8 @@ pub struct Tangents {
 pub struct Parameter {
     /// What users call it.
     pub name: String,
-    /// Scenes about the one that is traced, each with its factor: the sum of a number of all of them, times the factors, is
-    /// the number's derivative.
+    /// Scenes about the one that is traced, each with its factor. Take one number of each scene, times that scene's
+    /// factor: the sum is the number's derivative.
     pub stencil: Vec<(f64, SceneIr)>,
 }
 

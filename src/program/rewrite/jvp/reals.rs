@@ -6,7 +6,7 @@ use crate::program::layout::bindings;
 use crate::program::layout::reals::put_real;
 use naga::{Module, Scalar, Type, TypeInner, VectorSize};
 
-/// Where the reals lie in a buffer of so many bytes; none where no variable has the binding.
+/// Where the reals lie in a buffer of so many bytes. `None` if the module has no variable of the binding.
 fn places(module: &Module, binding: u32, precision: Precision, num_bytes: usize) -> Option<Vec<usize>> {
     let is_it = |variable: &naga::GlobalVariable| {
         variable.binding.as_ref().is_some_and(|b| (b.group, b.binding) == (bindings::SCENE, binding))
@@ -56,8 +56,8 @@ pub fn take_reals(module: &Module, binding: u32, bytes: &[u8]) -> Option<Vec<f64
     Some(places.into_iter().map(real).collect())
 }
 
-/// A buffer of so many bytes that holds these reals where the module's variable of the binding has its own; none if the
-/// module does not read the buffer.
+/// A buffer of so many bytes that holds these reals where the module's variable of the binding has its own. `None` if
+/// the module does not read the buffer.
 ///
 /// # Errors
 /// [`Error::Internal`] if the variable has room for another number of them.

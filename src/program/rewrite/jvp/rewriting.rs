@@ -10,7 +10,8 @@ use naga::{
 };
 use std::collections::HashMap;
 
-/// From the binding of a buffer to that of its twin for the first parameter, and on to the next.
+/// The distance from a buffer's binding to its first twin's, and from each twin's to the next. Each parameter has a
+/// twin.
 pub const BINDING_STRIDE: u32 = 200;
 
 /// Uniform buffers that every adapter of WebGPU binds.
@@ -25,7 +26,7 @@ pub(in crate::program) fn unknown(what: impl std::fmt::Debug) -> Error {
 pub(in crate::program) struct NewFunction {
     /// As it was.
     pub(in crate::program) plain: Handle<Function>,
-    /// With tangents; none if no real goes in or out of it.
+    /// The twin with tangents. `None` if reals neither go in nor come out.
     pub(in crate::program) with_tangents: Option<Handle<Function>>,
 }
 

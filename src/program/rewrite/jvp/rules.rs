@@ -9,13 +9,13 @@ pub(in crate::program) enum Rule {
     Attached,
     /// The tangent of the second argument goes to the sum of the first.
     Note,
-    /// The tangent is the result times that of the argument.
+    /// The tangent is the result times the argument's tangent.
     Exponential,
-    /// The tangent is that of the argument over the argument.
+    /// The tangent is the argument's tangent over the argument.
     Logarithm,
     /// The tangent comes from another function of the argument; with a sign.
     Turned(&'static str, f64),
-    /// The result has no derivative. On a way back, another function gives it again.
+    /// The result has no derivative. On a way back, another function gives the result again.
     Recalled(&'static str),
 }
 

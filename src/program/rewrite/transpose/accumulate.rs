@@ -21,7 +21,8 @@ impl Back<'_, '_> {
         self.emit(Expression::AccessIndex { base, index }, out)
     }
 
-    /// The parts of an adjoint of a struct or an array, of which all that hold reals are there if it was known as a whole.
+    /// The parts of an adjoint of a struct or an array. If the adjoint was known as a whole, all parts that hold reals
+    /// are there.
     pub(super) fn parts(&mut self, adjoint: Adjoint, ty: Handle<Type>, out: &mut Block) -> Adjoint {
         let Some(whole) = adjoint.whole else { return adjoint };
         let parts: Vec<(u32, Handle<Type>)> = match self.inner(ty).clone() {
@@ -181,7 +182,7 @@ impl Back<'_, '_> {
         }
     }
 
-    /// A pointer to the adjoints of what an old pointer points to; none of what has no adjoints.
+    /// A pointer to the adjoints of what an old pointer points to. `None` for what has no adjoints.
     pub(super) fn adjoint_pointer(&mut self, pointer: Value, out: &mut Block) -> Option<Value> {
         Some(match self.old.expressions[pointer].clone() {
             Expression::LocalVariable(variable) => {

@@ -13,12 +13,12 @@ pub(super) struct Adjoint {
 }
 
 impl Adjoint {
-    /// That of a whole value.
+    /// The adjoint of a whole value.
     pub(super) fn whole(value: Handle<Expression>) -> Self {
         Adjoint { whole: Some(value), parts: BTreeMap::new() }
     }
 
-    /// That of one part.
+    /// The adjoint of a value of which only one part has an adjoint.
     pub(super) fn part(index: u32, part: Adjoint) -> Self {
         Adjoint { whole: None, parts: BTreeMap::from([(index, part)]) }
     }

@@ -1,7 +1,8 @@
 //! Writes the half of a function that goes back: from adjoints of what it gave to adjoints of what it took.
 //!
-//! Statements are taken from the last to the first. Values of the way forward come from the record. Of two branches that was
-//! taken which the recorded condition tells. Loops in which a value that varies changes have no way back.
+//! Statements are taken from the last to the first. Values of the way forward come from the record. The recorded
+//! condition says which branch was taken. Loops in which a value that varies changes have no way back here: `loops` has
+//! one.
 
 use crate::error::{Error, Result};
 use crate::program::rewrite::function_builder::{FunctionBuilder, inner_blocks, real_literal};
@@ -119,7 +120,7 @@ pub(super) struct Back<'r, 'm> {
     pub(super) pointers: HashMap<u32, Value>,
     pub(super) locals: HashMap<Handle<LocalVariable>, Handle<LocalVariable>>,
     pub(super) adjoints: HashMap<Value, Adjoint>,
-    /// Adjoints that come from other blocks than that of the value.
+    /// Adjoints that come from other blocks than the value's own.
     pub(super) variables: HashMap<Value, Handle<LocalVariable>>,
     /// The block in which a value is computed.
     pub(super) homes: HashMap<Value, usize>,
@@ -344,7 +345,7 @@ impl<'r, 'm> Back<'r, 'm> {
                 return Err(no_way_back(self.shared.name(self.function)));
             }
             Statement::If { .. } | Statement::Switch { .. } => self.branches(statement, &[], out)?,
-            // Nothing else tells a value that varies.
+            // Other statements use no value that varies.
             _ => {}
         }
         Ok(())
@@ -526,7 +527,7 @@ impl<'r, 'm> Back<'r, 'm> {
     }
 }
 
-/// Statements without blocks that decide nothing.
+/// Statements, with the contents of nested plain blocks in their place.
 fn flat<'m>(statements: &[&'m Statement]) -> Vec<&'m Statement> {
     let mut found = Vec::new();
     for statement in statements {

@@ -4,8 +4,8 @@ use crate::program::layout::bindings;
 use crate::program::rewrite::jvp::rewriting::is_read;
 use naga::{ArraySize, GlobalVariable, Handle, Module, Scalar, Type, TypeInner};
 
-/// Sums after those of the numbers: of deposits times the adjoints of their cells, of rays whose adjoints are no numbers, and
-/// whether loops were cut short.
+/// Sums after the sums of the numbers: deposits times the adjoints of their cells, rays with adjoints that are not
+/// finite, and loops cut short.
 pub const NUM_OTHER_SUMS: usize = 3;
 
 /// True of a variable whose reals are numbers of the scene, and have adjoints.
@@ -25,7 +25,7 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// That of a composed module.
+    /// The layout of a composed module.
     pub fn of(module: &Module, real: Scalar) -> Self {
         let mut buffers: Vec<(u32, usize)> = bound(module)
             .map(|(binding, variable)| {

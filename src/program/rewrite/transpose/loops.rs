@@ -1,5 +1,5 @@
-//! The way back of a function in whose loops a value that varies changes: by forward derivatives, one for each real that the
-//! function takes. Few functions have such loops, and these take few reals.
+//! Adjoints of functions with active loops, in which a value that varies changes. Such adjoints are computed in forward
+//! mode, once for each real argument. Few functions have such loops, and these take few reals.
 
 use crate::error::Result;
 use crate::program::rewrite::function_builder::{FunctionBuilder, called, inner_blocks, real_literal};

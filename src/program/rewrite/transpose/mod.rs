@@ -1,10 +1,10 @@
-//! Derivatives of a loss, in reverse mode: what the loss gains by a change of each number of the scene, in one pass over the
-//! rays, however many numbers there are.
+//! Derivatives of a loss, in reverse mode: what the loss gains by a change of each number of the scene. One pass over
+//! the rays gives all of these, however many numbers there are.
 //!
-//! The physics is composed as for a plain trace, parsed, and transposed in naga's representation. Each function that a ray's
-//! path goes through gets two halves ([`forward`], [`back`]): one goes forward and records what the way back needs; one goes
-//! back, from adjoints of what the function gave to adjoints of what it took. A variable with numbers of the scene has a twin
-//! for their adjoints. The walk back along a ray's events is written by hand (shaders/derivatives/adjoints.wgsl).
+//! The physics is composed as for a plain trace, parsed, and transposed in naga's representation. Each function that a
+//! ray's path goes through gets two halves. [`forward`] records what the way back needs. [`back`] goes from adjoints of
+//! what the function gave to adjoints of what it took. A variable with numbers of the scene has a twin for their
+//! adjoints. The walk back along a ray's events is written by hand (shaders/derivatives/adjoints.wgsl).
 //!
 //! What a derivative sees is said by the same rules as for tangents ([`crate::program::rewrite::jvp::rules`]).
 //!

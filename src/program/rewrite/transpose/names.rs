@@ -2,7 +2,7 @@
 
 use crate::error::Error;
 
-/// The function that tells the adjoint of a cell.
+/// The function that gives the adjoint of a cell.
 pub(super) const ADJOINT_OF: &str = "adjoint_of";
 
 /// The variable that sums what the loss gains by forward derivatives.

@@ -1,4 +1,4 @@
-//! The state of transposer a module, which all its functions share.
+//! The state of transposing a module, which all its functions share.
 
 use crate::error::{Error, Result};
 use crate::program::rewrite::jvp::rewriting::Rewriting;
@@ -33,8 +33,9 @@ pub(super) fn is_pointer(inner: &TypeInner) -> bool {
 pub(super) struct Transposed {
     /// As the function was; a last argument points to the record, if there is one.
     pub(super) forward: Handle<Function>,
-    /// Takes for each argument that points to reals a pointer to their adjoints, then the adjoint of the result (if this
-    /// varies), then the record (if there is one). Gives the adjoints of the arguments.
+    /// The way back gives the adjoints of the arguments. For each argument that points to reals, the function takes a
+    /// pointer to adjoints. Then come the adjoint of the result (if the result varies), and the record (if there is
+    /// one).
     pub(super) back: Handle<Function>,
     /// The type of the record.
     pub(super) record: Option<Handle<Type>>,
@@ -51,7 +52,7 @@ pub(super) struct Transposer<'a> {
     /// The old module.
     pub(super) module: &'a Module,
     info: &'a ModuleInfo,
-    /// The new module; its functions without adjoints are those of the old one.
+    /// The new module. Functions without adjoints are the old module's.
     pub(super) rewriting: Rewriting<'a>,
     /// The variables that hold the adjoints of another's reals.
     pub(super) twins: HashMap<Handle<GlobalVariable>, Handle<GlobalVariable>>,
