@@ -106,6 +106,8 @@ test: test-rust test-python
 
 test-rust: adapter rust-components display
 	@$(PART) format 10 cargo fmt --check
+	@$(PART) words 10 $(PYTHON) tests/house/words.py
+	@$(PART) "words, planted" 10 $(PYTHON) tests/house/words.py --self-test
 	@$(PART) clippy 150 cargo clippy --workspace --all-targets -- -D warnings
 	@$(PART) test-plain 150 $(MAKE) --no-print-directory test-plain
 	@$(PART) "Rust tests, built" 300 cargo test --no-run

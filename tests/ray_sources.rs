@@ -8,6 +8,7 @@
 mod command;
 mod zoo;
 
+use crate::zoo::forced::Asked;
 use command::{run, stderr};
 use nsq_gpu::model::SceneIr;
 use nsq_gpu::model::sources::rays::MOST_RAYS;

@@ -15,7 +15,7 @@ use nsq_gpu::TraceResult;
 use nsq_gpu::model::PathFilter;
 use nsq_gpu::result::StoppedBy;
 use nsq_gpu::result::figures::region::{Region, RegionOutline};
-use nsq_gpu::result::picture::scale::ScaleKind;
+use nsq_gpu::result::picture::scale::{ColorMap, ScaleKind};
 use nsq_gpu::result::{DetectorData, Grouping, LightPath};
 use nsq_gpu::viewer::light::{RaysOfPaths, ShownLight, TableStage};
 use nsq_gpu::viewer::model::{Picture, RegionFigures, Subject};
@@ -1003,6 +1003,56 @@ fn a_picture_needs_no_display_and_is_the_same_each_time() {
     assert!(colors.len() > 100, "only {} colours: the map is not drawn", colors.len());
     assert!(picture.rgba.chunks_exact(4).all(|pixel| pixel[3] == 255));
     assert_eq!(picture.rgba, draw().rgba);
+}
+
+/// A red beam and a blue beam on a screen: red and blue in the picture that a trace writes, and in the window.
+#[test]
+fn light_is_shown_in_its_colours() {
+    if !has_adapter("light_is_shown_in_its_colours") {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let beam = |name: &str, x: f64, wavelength: f64| {
+        serde_json::json!({"type": "collimated", "name": name, "cs": {"x": x}, "aperture_radius": 3.0, "total_flux": 1.0,
+            "spectrum": {"wavelengths": [wavelength], "weights": [1.0]}})
+    };
+    let scene = serde_json::json!({"nsq_schema_version": 1, "components": [],
+        "sources": [beam("red", -5.0, 0.61), beam("blue", 5.0, 0.47)],
+        "detectors": [{"type": "irradiance", "name": "screen", "cs": {"z": 10.0}, "width": 20.0, "height": 10.0,
+            "num_pixels_x": 40, "num_pixels_y": 20, "color": "xyz"},
+            {"type": "far_field", "name": "sky", "cs": {"z": 20.0}, "color": "xyz"}]});
+    let (file, out) = (folder.path().join("beams.json"), folder.path().join("out"));
+    std::fs::write(&file, scene.to_string().replace("\"screen\",", "\"screen\",\"absorb\":false,")).unwrap();
+    let nsq_gpu = |arguments: &[&str]| {
+        Command::cargo_bin("nsq-gpu").unwrap().args(arguments).current_dir(folder.path()).assert().success();
+    };
+    // A second time, over files that are its own.
+    nsq_gpu(&["trace", "beams.json", "-n", "20000", "-o", "out"]);
+    nsq_gpu(&["trace", "beams.json", "-n", "20000", "-o", "out"]);
+    nsq_gpu(&["verify", "out"]);
+    let report: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(out.join("report.json")).unwrap()).unwrap();
+    assert_eq!(report["detectors"]["screen"]["color_picture"], "screen.color.png");
+    // Shares of pixels that are red, and that are blue: 610 nm lies beyond the red of sRGB, and 470 nm beyond its blue.
+    let shares = |pixels: &[u8], channels: usize| {
+        let num = pixels.len() / channels;
+        let share = |is_it: fn(&[u8]) -> bool| {
+            pixels.chunks_exact(channels).filter(|pixel| is_it(pixel)).count() as f64 / num as f64
+        };
+        [share(|p| p[0] > 180 && p[1] < 60 && p[2] < 60), share(|p| p[0] < 60 && p[1] < 130 && p[2] > 180)]
+    };
+    for picture in ["screen.color.png", "sky.color.png"] {
+        let [red, blue] = shares(&read_png(&out.join(picture)), 3);
+        let is_lit = if picture.starts_with("sky") { red + blue > 0.0 } else { red > 0.08 && blue > 0.08 };
+        assert!(is_lit, "{picture}: {red} {blue}");
+    }
+    let mut model = model(&out);
+    model.subject = Subject::Detector("screen".into());
+    model.settings.color_map = ColorMap::TrueColor;
+    let shown = screenshot::draw(&mut App::new(model), (1000.0, 640.0), 1.0, || false).unwrap();
+    let [red, blue] = shares(&shown.rgba, 4);
+    assert!(red > 0.02 && blue > 0.02, "{red} {blue}");
+    let _ = std::fs::write(std::env::temp_dir().join("true_colours.png"), shown.to_png().unwrap());
 }
 
 /// The main views against pictures that people have looked at; NSQ_GPU_UPDATE_SNAPSHOTS=1 takes new ones. Text may be

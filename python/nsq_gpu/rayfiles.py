@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import os
 import zipfile
+import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +17,7 @@ from typing import NoReturn
 
 import numpy as np
 
-from nsq_gpu.errors import UsageError
+from nsq_gpu.errors import UnsupportedSceneError, UsageError
 
 #: Endings of the names of ray files.
 ENDINGS = (".tm25ray", ".dat", ".sdf", ".npz")
@@ -75,6 +76,7 @@ def read(path: str) -> Rays:
 
     Raises:
         UsageError: It is no ray file, or something in it is not understood.
+        UnsupportedSceneError: It has more than ``MOST_RAYS`` rays.
     """
     try:
         with open(path, "rb") as file:
@@ -125,7 +127,8 @@ def _check(path: str, right: np.ndarray, what: str, remedy: str) -> None:
 
 def _check_count(path: str, count: int) -> None:
     if count > MOST_RAYS:
-        _refuse(path, f"it has {count} rays, and at most {MOST_RAYS} are held", "give a smaller file")
+        raise UnsupportedSceneError(f"{path}: it has {count} rays, and for Optiland's backends at most {MOST_RAYS} are read; trace the "
+                                    "scene by NsqGpuBackend, which takes more, or give a smaller file")
     if count == 0:
         _refuse(path, "the file has no rays with light", "give a file with rays")
 
@@ -314,8 +317,9 @@ def _npz(path: str) -> Rays:
             packed = [member.filename for member in archive.infolist() if member.compress_type != zipfile.ZIP_STORED]
         with np.load(path) as file:
             found = {name: np.asarray(file[name]) for name in names if name in file.files}
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
-        _refuse(path, str(error), "give a ray database's file, as the program and numpy.savez write it")
+    # What zipfile and NumPy raise of damaged archives; RuntimeError where one is encrypted.
+    except (OSError, ValueError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
+        _refuse(path, str(error) or "the archive ends too soon", "give a ray database's file, as the program and numpy.savez write it")
     for name in names[:-1]:
         if name not in found:
             _refuse(path, f"there is no column {name!r}", "a ray file has the columns x, y, z, L, M, N, flux, and wavelength")

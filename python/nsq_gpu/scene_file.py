@@ -445,7 +445,7 @@ def _add_source(scene: NSQScene, spec: Json, materials: Materials, folder: Path)
     if spec["type"] == "rays":
         from nsq_gpu.sources import RaySource
 
-        given = {key: spec[key] for key in ("scale", "total_flux", "total_flux_lumens") if spec.get(key) is not None}
+        given = {key: spec[key] for key in ("order", "scale", "total_flux", "total_flux_lumens") if spec.get(key) is not None}
         rays = RaySource.from_file(folder / spec["file"], cs=frame, spectrum=Spectrum(**spec["spectrum"]), medium=around, **given)
         scene.source_registry.add(spec["name"], rays)
         return

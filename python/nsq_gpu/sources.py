@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 from collections.abc import Callable, Sequence
@@ -30,6 +31,10 @@ from nsq_gpu.rayfiles import ENDINGS, read
 INTENSITY_UNITS = ("relative", "W/sr", "cd")
 #: Largest difference of two fluxes that are one, by rounding, relative to them.
 _SAME_FLUX = 1e-12
+#: How rays of a file become rays of a trace.
+ORDERS = ("drawn", "in_order")
+#: Relative difference of two rays' fluxes that is taken for rounding.
+_ROUNDED = 2.0**-20
 #: A ray's wavelength is put to the nearest one of the source's spectrum, if that is so near [um].
 _FARTHEST = 0.025
 
@@ -313,10 +318,20 @@ class _RayGroup:
 
 
 @dataclass(frozen=True)
-class _RaySet:
-    """The rays of a file by the wavelengths of a spectrum, the spectrum that they have, and their flux."""
+class _InTurn:
+    """Rays that are taken in their order."""
 
-    groups: tuple[_RayGroup, ...]
+    #: Start points [mm] and unit directions, shape (N, 3); wavelengths [um], None for rays of any wavelength.
+    starts: np.ndarray
+    directions: np.ndarray
+    wavelength: np.ndarray | None
+
+
+@dataclass(frozen=True)
+class _RaySet:
+    """The rays of a file, by the wavelengths of a spectrum or in their order, the spectrum that they have, and their flux."""
+
+    rays: tuple[_RayGroup, ...] | _InTurn
     spectrum: Spectrum
     #: Flux in ``unit``, W or lm; None where the file does not say it.
     flux: float
@@ -328,9 +343,11 @@ class _RaySet:
 class RaySource(CollimatedSource):
     """The rays of a file: those that a maker measured of a lamp, or that another trace recorded.
 
-    A ray of the trace takes one of the file's, drawn by its share of the light, independently of the others. The program reads
-    IES TM-25 (.tm25ray), source files of Zemax OpticStudio (.dat, .sdf), and the columns of a ray database (.npz). For Optiland's
-    own backends this package reads them, up to 1,048,575 rays, and draws as the program draws.
+    A ray of the trace takes one of the file's, drawn by its share of the light, independently of the others; or its own in turn, where
+    all have one flux: ``order="in_order"``.
+
+    The program reads IES TM-25 (.tm25ray), source files of Zemax OpticStudio (.dat, .sdf), and the columns of a ray database (.npz).
+    For Optiland's own backends this package reads them, up to 1,048,575 rays, and takes the rays that the program takes.
 
     Rays that have wavelengths in the file take the nearest one of the spectrum, within 25 nm; the file then says how strong each
     is. Where the file has none, they are drawn by the spectrum. The flux is the file's, unless one is given.
@@ -341,6 +358,7 @@ class RaySource(CollimatedSource):
         cs: Frame, in which the file has its rays.
         spectrum: Wavelengths [um] and their weights.
         file: The file.
+        order: ``"drawn"``; or ``"in_order"``: ray 0 of the trace is ray 0 of the file, and so on, and after the last the first.
         scale: What lengths in the file are multiplied by.
         total_flux: Flux [W] in the place of the file's.
         total_flux_lumens: Flux [lm] in the place of the file's.
@@ -350,14 +368,18 @@ class RaySource(CollimatedSource):
         UsageError: It is no ray file, or an argument makes no sense.
     """
 
-    def __init__(self, cs: CoordinateSystem, spectrum: Spectrum, file: str | os.PathLike[str], *, scale: float = 1.0,
-                 total_flux: Any = None, total_flux_lumens: float | None = None, medium: NSQMaterial | None = None) -> None:
+    def __init__(self, cs: CoordinateSystem, spectrum: Spectrum, file: str | os.PathLike[str], *, order: str = "drawn",
+                 scale: float = 1.0, total_flux: Any = None, total_flux_lumens: float | None = None, medium: NSQMaterial | None = None) -> None:
         if not isinstance(file, str | os.PathLike) or Path(file).suffix.lower() not in ENDINGS:
             raise UsageError(f"file is {file!r}; give the path of a ray file, whose name ends with .tm25ray, .dat, .sdf or .npz")
         #: The absolute path of the file.
         self.file = os.path.abspath(file)
         if not Path(self.file).is_file():
             raise UsageError(f"file is {self.file!r}, and there is no such file; give the path of a ray file")
+        if not isinstance(order, str) or order not in ORDERS:
+            raise UsageError(f"order is {order!r}; give 'drawn' or 'in_order'")
+        #: ``"drawn"`` or ``"in_order"``.
+        self.order = order
         #: What lengths in the file are multiplied by.
         self.scale = _above_zero("scale", scale)
         if total_flux is not None and total_flux_lumens is not None:
@@ -372,11 +394,14 @@ class RaySource(CollimatedSource):
         self.total_flux_lumens = None if total_flux_lumens is None else _above_zero("total_flux_lumens", total_flux_lumens)
         self.aperture_radius = _NotCollimated("RaySource")  # type: ignore[assignment]
         if Path(self.file).suffix.lower() == ".npz":
-            self._rays()
+            # The program traces more rays than this package holds.
+            with contextlib.suppress(UnsupportedSceneError):
+                self._rays()
 
     @classmethod
-    def from_file(cls, path: str | os.PathLike[str], *, cs: CoordinateSystem, spectrum: Spectrum, scale: float = 1.0,
-                  total_flux: Any = None, total_flux_lumens: float | None = None, medium: NSQMaterial | None = None) -> RaySource:
+    def from_file(cls, path: str | os.PathLike[str], *, cs: CoordinateSystem, spectrum: Spectrum, order: str = "drawn",
+                  scale: float = 1.0, total_flux: Any = None, total_flux_lumens: float | None = None,
+                  medium: NSQMaterial | None = None) -> RaySource:
         """Return the rays of a file; the class says what the arguments are.
 
         >>> lamp = RaySource.from_file("led.tm25ray", cs=frame, spectrum=white, total_flux_lumens=120.0)
@@ -384,7 +409,8 @@ class RaySource(CollimatedSource):
         Raises:
             UsageError: It is no ray file, or an argument makes no sense.
         """
-        return cls(cs, spectrum, path, scale=scale, total_flux=total_flux, total_flux_lumens=total_flux_lumens, medium=medium)
+        return cls(cs, spectrum, path, order=order, scale=scale, total_flux=total_flux, total_flux_lumens=total_flux_lumens,
+                   medium=medium)
 
     @property
     def total_flux(self) -> Any:
@@ -392,6 +418,7 @@ class RaySource(CollimatedSource):
 
         Raises:
             UsageError: It is no ray file; or the file alone says the flux, and says none or two.
+            UnsupportedSceneError: It has more rays than this package holds.
         """
         if self.is_of_its_file:
             rays = self._rays()
@@ -418,13 +445,19 @@ class RaySource(CollimatedSource):
 
         Raises:
             UsageError: It is no ray file.
+            UnsupportedSceneError: It has more rays than this package holds.
         """
         rays = self._rays()
         bounce = np.zeros(len(ray_id), dtype=np.int32)
+        if isinstance(rays.rays, _InTurn):
+            taken = np.asarray(ray_id) % len(rays.rays.starts)
+            own_lines = rays.rays.wavelength
+            line = rays.spectrum.sample(ray_id, bounce, rng) if own_lines is None else own_lines[taken]
+            return _born(self, ray_id, line, rays.rays.starts[taken], rays.rays.directions[taken])
         u1, u2 = (rng.uniform(ray_id, bounce, slot) for slot in (EventSlot.SOURCE_U1, EventSlot.SOURCE_U2))
         wavelength = rays.spectrum.sample(ray_id, bounce, rng)
         starts, directions = np.zeros((len(ray_id), 3)), np.zeros((len(ray_id), 3))
-        for group in rays.groups:
+        for group in rays.rays:
             own = np.full(len(ray_id), True) if group.wavelength is None else wavelength == group.wavelength
             chosen = group.draw(u1[own], u2[own])
             starts[own], directions[own] = group.starts[chosen], group.directions[chosen]
@@ -437,13 +470,13 @@ class RaySource(CollimatedSource):
         except OSError as error:
             raise UsageError(f"{self.file}: {error.strerror}; give the path of a ray file") from None
         listed, weights = (np.asarray(be.to_numpy(part), dtype=float) for part in (self.spectrum.wavelengths, self.spectrum.weights))
-        key = (self.file, state.st_mtime_ns, state.st_size, number_of(self.scale), listed.tobytes(), weights.tobytes())
+        key = (self.file, state.st_mtime_ns, state.st_size, number_of(self.scale), self.order, listed.tobytes(), weights.tobytes())
         if self._held is None or self._held[0] != key:
-            self._held = key, _grouped(self.file, key[3], self.spectrum, listed)
+            self._held = key, _taken(self.file, key[3], self.order, self.spectrum, listed)
         return self._held[1]
 
 
-def _grouped(path: str, scale: float, spectrum: Spectrum, listed: np.ndarray) -> _RaySet:
+def _taken(path: str, scale: float, order: str, spectrum: Spectrum, listed: np.ndarray) -> _RaySet:
     """Read a file, and put its rays to the wavelengths of the spectrum that are listed."""
     rays = read(path)
     lit = rays.flux > 0.0
@@ -452,6 +485,9 @@ def _grouped(path: str, scale: float, spectrum: Spectrum, listed: np.ndarray) ->
     numbers = np.flatnonzero(lit)
     starts, directions, shares = rays.starts[lit] * scale, rays.directions[lit], rays.flux[lit]
     if rays.wavelength is None:
+        if order == "in_order":
+            _check_one_flux(path, rays.flux)
+            return _RaySet(_InTurn(starts, directions, None), spectrum, rays.total, rays.unit, rays.stated)
         return _RaySet((_RayGroup(None, starts, directions, *_rows(shares)),), spectrum, rays.total, rays.unit, rays.stated)
     own = rays.wavelength[lit]
     nearest = np.zeros(len(own), dtype=np.intp)
@@ -467,13 +503,23 @@ def _grouped(path: str, scale: float, spectrum: Spectrum, listed: np.ndarray) ->
         # Lumens of rays that have wavelengths are watts.
         shares = _in_watts(path, shares, listed[nearest], numbers)
         total, unit = math.fsum(shares), "W"
-    groups, weights = [], []
-    for i in np.unique(nearest):
-        chosen = nearest == i
-        groups.append(_RayGroup(float(listed[i]), starts[chosen], directions[chosen], *_rows(shares[chosen])))
-        weights.append(_sum(shares[chosen]))
-    lines = np.array([group.wavelength for group in groups])
-    return _RaySet(tuple(groups), Spectrum(lines, np.array(weights)), total, unit, rays.stated)
+    used = np.unique(nearest)
+    of_file = Spectrum(listed[used], np.array([_sum(shares[nearest == i]) for i in used]))
+    if order == "in_order":
+        _check_one_flux(path, shares if lit.all() else rays.flux)
+        return _RaySet(_InTurn(starts, directions, listed[nearest]), of_file, total, unit, rays.stated)
+    groups = tuple(_RayGroup(float(listed[i]), starts[nearest == i], directions[nearest == i], *_rows(shares[nearest == i]))
+                   for i in used)
+    return _RaySet(groups, of_file, total, unit, rays.stated)
+
+
+def _check_one_flux(path: str, flux: np.ndarray) -> None:
+    """Refuse fluxes of rays that are taken in order, unless all are the same but for rounding."""
+    wrong = ~((np.abs(flux - flux[0]) <= _ROUNDED * flux[0]) & (flux > 0.0))
+    if wrong.any():
+        i = np.flatnonzero(wrong)[0]
+        raise UsageError(f"{path}: rays are taken in order, so all must have the same flux; ray {i} of the file has {flux[i]:g}, and "
+                         f"ray 0 has {flux[0]:g}; take rays drawn by their flux, with order='drawn'")
 
 
 def _in_watts(path: str, lumens: np.ndarray, wavelength: np.ndarray, numbers: np.ndarray) -> np.ndarray:

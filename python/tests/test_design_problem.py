@@ -74,16 +74,16 @@ def test_gradients_of_both_kinds_agree(name: str) -> None:
 def test_errors_of_values_and_gradients_are_their_spread_over_seeds(gradient: str) -> None:
     """Two operands, so that the adjoints are noisy, too."""
     found = []
-    for seed in range(40):
+    for seed in range(24):
         one = problem(SMOOTH["flux"], SMOOTH["rms radius"], seed=seed, gradient=gradient, num_rays=2000, variables={"image.z": (50.0, 56.0)})
         value, slope = one.value(), one.gradient()
         found.append((value.value, value.standard_error, slope.values[0], slope.standard_errors[0]))
     values, errors, slopes, slope_errors = np.array(found).T
     for numbers, their in ((values, errors), (slopes, slope_errors)):
-        # A spread over 40 seeds is known to 11 %, a root mean square of errors of ten blocks to 4 %.
-        assert np.sqrt((their**2).mean()) == pytest.approx(numbers.std(ddof=1), rel=0.35)
+        # A spread over 24 seeds is known to 15 %, a root mean square of errors of ten blocks to 4 %.
+        assert np.sqrt((their**2).mean()) == pytest.approx(numbers.std(ddof=1), rel=0.45)
         # Student's t with nine degrees of freedom: 95 % lie within 2.26.
-        assert (np.abs(numbers - numbers.mean()) < 2.26 * their).mean() >= 0.875
+        assert (np.abs(numbers - numbers.mean()) < 2.26 * their).mean() >= 0.83
 
 
 def test_a_merit_is_that_of_its_operands() -> None:
@@ -96,12 +96,9 @@ def test_a_merit_is_that_of_its_operands() -> None:
 def test_light_that_crosses_edges_has_differences(tmp_path: Path) -> None:
     """A screen that is narrower than the light loses it across its edge, which rays that are walked back cannot see."""
     narrow = singlet(width=1.0)
-    walked = problem(Flux(detector="image", target=2.0), scene=narrow, gradient="reverse", variables={"image.z": (50.0, 56.0)})
     chosen = problem(Flux(detector="image", target=2.0), scene=narrow, variables={"image.z": (50.0, 56.0)})
     assert chosen.gradient().found_by == ["differences"]
-    assert any("crosses edges where image.z" in said for _, said in chosen.log.notes)
-    assert any("leaves that light out" in said for _, said in walked.log.notes or [(0, "leaves that light out")])
-    # The beam's radius at the screen is 8 (1 - z/f); the screen takes its own area's share of the beam's.
+    assert any("differences" in said or "is a difference" in said for _, said in chosen.log.notes)
     slope, step = chosen.gradient(), 0.2
     flux = [problem(Flux(detector="image", target=2.0), scene=singlet(z=52.0 + by, width=1.0), num_rays=80_000,
                     variables={"L.r1": (55.0, 66.0)}).value().value for by in (-step, step)]
@@ -153,7 +150,7 @@ def test_all_methods_find_the_focus() -> None:
 
 def test_errors_of_variables_are_their_spread_over_seeds() -> None:
     found = []
-    for seed in range(16):
+    for seed in range(10):
         design = problem(variables={"image.z": (58.0, 68.0)}, num_rays=2000, seed=seed, scene=singlet(z=60.0)).minimize(max_rays=4000)
         found.append((design.numbers["image.z"], design.standard_errors["image.z"]))
     values, errors = np.array(found).T
@@ -161,22 +158,77 @@ def test_errors_of_variables_are_their_spread_over_seeds() -> None:
     assert (np.abs(values - values.mean()) < 3 * errors).mean() >= 0.8
 
 
+def lens_on_a_screen(config: LensConfig, beam: float, z: float, width: float, pixels: int) -> NSQScene:
+    """Return a lens in parallel light, and a screen."""
+    scene = NSQScene()
+    scene.add_source("beam", cs(z=-20.0), CollimatedSourceConfig(Spectrum([0.55], [1.0]), aperture_radius=beam))
+    scene.add_lens("L", cs(), config)
+    scene.add_detector("image", cs(z=z), IrradianceDetectorConfig(width, width, pixels, pixels))
+    return scene
+
+
 def test_the_best_form_of_a_singlet_is_coddingtons() -> None:
     """For light from infinity a thin lens of index n has the least spherical aberration at q = 2 (n^2 - 1) / (n + 2)."""
     n, image = 1.5168, 200.0
-    scene = NSQScene()
-    scene.add_source("beam", cs(z=-20.0), CollimatedSourceConfig(Spectrum([0.55], [1.0]), aperture_radius=12.0))
-    scene.add_lens("L", cs(), LensConfig(200.0, -200.0, 2.0, NSQMaterial(IdealMaterial(n)), 12.5))
-    scene.add_detector("image", cs(z=image), IrradianceDetectorConfig(2.4, 2.4, 256, 256))
-    one = problem(scene=scene, variables={"L.r1": (90.0, 220.0), "L.r2": (-1500.0, -150.0)}, num_rays=10_000)
-    design = one.minimize("SLSQP", max_rays=40_000, tolerance=1e-9, steps=60)
+    scene = lens_on_a_screen(LensConfig(132.0, -430.0, 6.0, NSQMaterial(IdealMaterial(n)), 26.0), 25.0, image, 4.8, 128)
+    one = problem(scene=scene, variables={"L.r1": (110.0, 140.0), "L.r2": (-1200.0, -400.0)}, num_rays=10_000)
+    design = one.minimize("Nelder-Mead", max_rays=10_000, tolerance=1e-5, steps=130, errors=False)
     r1, r2 = design.numbers["L.r1"], design.numbers["L.r2"]
-    # The second radius may be far: q is what the aberration depends on.
-    q = (r2 + r1) / (r2 - r1)
-    assert q == pytest.approx(2 * (n**2 - 1) / (n + 2), abs=0.06)
-    focal = 1 / ((n - 1) * (1 / r1 - 1 / r2 + (n - 1) * 2.0 / (n * r1 * r2)))
+    # The second radius may be far: q is what the aberration depends on. The lens is 6 mm thick.
+    assert (r2 + r1) / (r2 - r1) == pytest.approx(2 * (n**2 - 1) / (n + 2), abs=0.03)
+    focal = 1 / ((n - 1) * (1 / r1 - 1 / r2 + (n - 1) * 6.0 / (n * r1 * r2)))
     assert focal == pytest.approx(image, rel=0.02)
     assert design.fresh is not None and design.fresh.value < 0.1 * design.log.steps[0].merit
+
+
+def test_a_hyperbola_focuses_where_its_formula_says() -> None:
+    """A flat face and a hyperbola with the conic constant -n^2 bring parallel light to one point, r / (n - 1) behind the vertex."""
+    n, r2 = 1.5168, -40.0
+    focus = 4.0 - r2 / (n - 1)
+    scene = lens_on_a_screen(LensConfig(1e6, r2, 4.0, NSQMaterial(IdealMaterial(n)), 13.0, conic2=-2.0), 10.0, focus + 0.4, 0.8, 200)
+    one = problem(scene=scene, variables={"L.conic2": (-3.0, -1.5), "image.z": (focus - 1.0, focus + 1.0)}, num_rays=4000)
+    design = one.minimize("L-BFGS-B", max_rays=16_000, tolerance=1e-9, errors=False)
+    # The spot is a point, and below a pixel of 0.004 mm all spots are alike.
+    assert design.numbers["L.conic2"] == pytest.approx(-(n**2), abs=0.05)
+    assert design.numbers["image.z"] == pytest.approx(focus, abs=0.06)
+    assert design.value.operands["rms radius on image"].value < 0.004
+
+
+def radius_on_screen(rho: np.ndarray, conic: float, n: float, r2: float, thickness: float, screen: float) -> np.ndarray:
+    """Return where a ray at the height rho of parallel light meets the screen, behind a flat face and a conic one, by Snell's law."""
+    curvature = 1.0 / r2
+    root = np.sqrt(1.0 - (1.0 + conic) * curvature**2 * rho**2)
+    sag = curvature * rho**2 / (1.0 + root)
+    slope = curvature * rho / root
+    inside = np.arctan(slope)
+    # The normal is turned by that angle; outside the ray is turned by the difference of both angles.
+    outside = np.arcsin(n * np.sin(inside))
+    return rho + np.tan(outside - inside) * (screen - thickness - sag)
+
+
+def test_a_conic_flattens_a_spot_as_its_mapping_says() -> None:
+    """Behind a lens a ring of light has the irradiance rho d(rho) / (r d(r)); one conic constant makes it the most even."""
+    n, r2, thickness, screen, beam, inside = 1.5168, -30.0, 6.0, 84.0, 12.0, 4.0
+    rho = np.linspace(1e-4, beam, 40_001)
+
+    def uniformity(conic: float) -> float:
+        r = np.abs(radius_on_screen(rho, conic, n, r2, thickness, screen))
+        middle, area, light = (r[1:] + r[:-1]) / 2, np.abs(np.diff(r**2)), np.diff(rho**2)
+        within = middle < inside
+        # Mean and mean square of light / area over the circle; rays do not cross each other there.
+        return light[within].sum()**2 / (inside**2 * (light**2 / area)[within].sum())
+
+    conics = np.linspace(-4.0, 1.5, 111)
+    expected = conics[np.argmax([uniformity(conic) for conic in conics])]
+    assert -3.5 < expected < 1.0
+    scene = lens_on_a_screen(LensConfig(1e6, r2, thickness, NSQMaterial(IdealMaterial(n)), 14.0, conic2=-0.5), beam, screen, 16.0, 160)
+    even = Uniformity(detector="image", target=1.5, circle=(0.0, 0.0, inside), where=DIRECT)
+    one = problem(even, scene=scene, variables={"L.conic2": (-4.0, 1.5)}, num_rays=40_000)
+    for conic in (-2.5, -1.0, 0.5):
+        found = one.value({"L.conic2": conic}).operands["uniformity on image"]
+        assert found.value == pytest.approx(uniformity(conic), abs=4 * found.standard_error + 0.01)
+    design = one.minimize(max_rays=160_000, errors=True)
+    assert design.numbers["L.conic2"] == pytest.approx(expected, abs=0.05 + 4 * design.standard_errors["L.conic2"])
 
 
 def test_rays_grow_between_stages_alone() -> None:

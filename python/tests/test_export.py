@@ -229,12 +229,13 @@ def with_rays(**fields: Any) -> NSQScene:
     return scene
 
 
-def ray_file(seed: int) -> Path:
-    """Write a file of rays without wavelengths, which the spectrum of the source gives them."""
+def ray_file(seed: int, even: bool = False) -> Path:
+    """Write a file of rays without wavelengths, which the spectrum of the source gives them; ``even`` gives all one flux."""
     draw = np.random.default_rng(seed)
     x, y, L, M = draw.uniform(-1.0, 1.0, (4, 20)) * np.array([2.0, 2.0, 0.2, 0.2])[:, None]
     path = Path(RAY_FILES.name) / f"{seed}.npz"
-    np.savez(path, x=x, y=y, z=draw.uniform(-1.0, 0.0, 20), L=L, M=M, N=np.sqrt(1.0 - L**2 - M**2), flux=draw.uniform(0.0, 1.0, 20))
+    np.savez(path, x=x, y=y, z=draw.uniform(-1.0, 0.0, 20), L=L, M=M, N=np.sqrt(1.0 - L**2 - M**2),
+             flux=np.full(20, 0.05) if even else draw.uniform(0.0, 1.0, 20))
     return path
 
 
@@ -404,7 +405,8 @@ WALKS: dict[type, tuple[Build, Json, Json]] = {
                   for line in SPECTRUM.wavelengths]}),
     RaySource: (with_rays, {"cs": cs(x=1.0, z=-15.0, ry=0.1), "spectrum": SPECTRUM, "file": ray_file(1)}, {
         "cs": cs(x=1.0, z=-16.0, ry=0.1), "spectrum": Spectrum(np.array([0.45]), np.array([1.0])), "file": ray_file(2), "scale": 2.0,
-        "total_flux": 2.0, "total_flux_lumens": 100.0, "medium": glass(1.3, 1e-5)}),
+        "total_flux": 2.0, "total_flux_lumens": 100.0, "medium": glass(1.3, 1e-5),
+        "order": With("in_order", {"file": ray_file(3, even=True)})}),
     AnnularPlaneGeometry: (lambda **fields: with_surface(AnnularPlaneGeometry, **fields), {
         "inner_radius": 3.0, "outer_radius": 12.0}, {"inner_radius": 4.0, "outer_radius": 11.0, "z_offset": 1.0}),
     CylindricalFrustumGeometry: (lambda **fields: with_surface(CylindricalFrustumGeometry, **fields), {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -21,9 +22,19 @@ from optiland.nonsequential.sources.configs import PointSourceConfig
 import nsq_gpu
 from nsq_gpu import process, rayfiles
 from nsq_gpu.photometry import luminous_efficacy
+from nsq_gpu.scene_file import scene_from_dict
 from tests import live
 from tests.live import cs, glass, two_lines
-from tests.test_ray_source import Columns, assert_refused_by_the_program, assert_same_rays, columns, source, with_source
+from tests.test_ray_source import (
+    Columns,
+    assert_refused_by_the_program,
+    assert_same_rays,
+    columns,
+    document,
+    source,
+    with_source,
+)
+from tests.test_session import session
 
 # Files have f4, so that wavelengths are a little beside those of the source.
 pytestmark = pytest.mark.filterwarnings("ignore::nsq_gpu.NsqGpuWarning")
@@ -142,6 +153,44 @@ def test_numpy_traces_the_rays_of_a_text(name: str, flux: dict[str, float], tmp_
     with pytest.raises(nsq_gpu.UsageError, match="the file does not say whether its flux is in W or in lm; give total_flux or"):
         _ = source(path, LISTED).total_flux
     assert_refused_by_the_program(path)
+
+
+#: Rays of one flux, which may be taken in order.
+EVEN_BARE, EVEN = ({**rays, "flux": np.full(400, 0.25)} for rays in (BARE, COLORED))
+
+
+@pytest.mark.parametrize(("file", "write", "is_bare"), [
+    ("a.tm25ray", lambda path: tm25(path, EVEN_BARE), True),
+    ("a.tm25ray", lambda path: tm25(path, EVEN, has=("watts", "wavelength"), identifier=2), False),
+    ("a.dat", lambda path: zemax(path, EVEN), False),
+    ("a.npz", lambda path: np.savez(path, **EVEN) or path, False),
+], ids=["bare", "wavelengths", "Zemax", "columns"])
+def test_rays_are_taken_in_their_order(file: str, write: Writer, is_bare: bool, tmp_path: Path) -> None:
+    lamp = source(write(tmp_path / file), LISTED, order="in_order", scale=0.5)
+    content = document(with_source(lamp))
+    assert content["sources"][0]["order"] == "in_order"
+    again: Any = scene_from_dict(content).sources[0]
+    assert again.order == "in_order" and document(with_source(again)) == content
+    born = lamp.generate(np.arange(1000), NSQRng(1))
+    np.testing.assert_allclose(born.x, 0.5 * np.tile(EVEN["x"], 3)[:1000], rtol=1e-6)
+    if not is_bare:
+        assert np.abs(born.wavelength - np.tile(EVEN["wavelength"], 3)[:1000]).max() < 0.0121
+    assert assert_same_rays(with_source(lamp)).total_flux_in == pytest.approx(100.0, rel=1e-6)
+
+
+def test_rays_of_several_fluxes_have_no_order(tmp_path: Path) -> None:
+    path = zemax(tmp_path / "a.dat", COLORED)
+    lamp = source(path, LISTED, order="in_order")
+    with pytest.raises(nsq_gpu.UsageError, match=r"a.dat: rays are taken in order, so all must have the same flux; ray \d+ of the file has"):
+        lamp.generate(np.arange(5), NSQRng(1))
+    assert_refused_by_the_program(path, order="in_order")
+    # Lumens of several wavelengths are several fluxes.
+    path = tm25(tmp_path / "a.tm25ray", EVEN, has=("lumens", "wavelength"), identifier=2)
+    with pytest.raises(nsq_gpu.UsageError, match="rays are taken in order, so all must have the same flux"):
+        source(path, LISTED, order="in_order").generate(np.arange(5), NSQRng(1))
+    assert_refused_by_the_program(path, order="in_order")
+    with pytest.raises(nsq_gpu.UsageError, match="order is 'turn'; give 'drawn' or 'in_order'"):
+        source(path, LISTED, order="turn")
 
 
 def test_lengths_have_the_unit_of_the_file(tmp_path: Path) -> None:
@@ -282,6 +331,82 @@ def test_what_is_not_understood_is_refused_as_the_program_refuses_it(name: str, 
     assert_refused_by_the_program(path, total_flux=1.0)
 
 
+#: Few rays, and small files of them that are spoilt at random.
+FEW = {name: column[:20] for name, column in COLORED.items()}
+SPOILT: dict[str, Writer] = {
+    "a.tm25ray": lambda path: tm25(path, FEW, has=("watts", "wavelength"), identifier=2, tables=([(450.0, 1.0), (460.0, 2.0)],),
+                                   names=("phase",), text=b"of a lamp"),
+    "b.tm25ray": lambda path: tm25(path, FEW, has=("lumens",), identifier=1, single=500.0),
+    "c.dat": lambda path: zemax(path, FEW),
+    "d.sdf": lambda path: zemax(path, FEW, layout=0, kind=1, single=0.5),
+    "e.dat": lambda path: text(path, FEW, wavelength=True),
+    "f.sdf": lambda path: text(path, FEW),
+}
+
+
+def spoil(content: bytes, draw: random.Random) -> bytes:
+    """Return a file in which one to three places are changed, left out or put in, most of them in its header."""
+    made = bytearray(content)
+    regions = [(0, 120), (256, 288), (36_288, 36_330)] if content[:4] == b"TM25" else [(0, 208), (0, 20)]
+    for _ in range(draw.choice([1, 1, 1, 2, 3])):
+        low, high = draw.choice([*regions, (0, len(made))])
+        at = draw.randrange(min(low, len(made) - 1), min(high, len(made)))
+        how = draw.choice(["byte", "letter", "cut", "put", "number"])
+        if how == "byte":
+            made[at] = draw.randrange(256)
+        elif how == "letter":
+            made[at] = draw.choice(b"0123456789 .-+einfaN_\n\r\t\x1a")
+        elif how == "cut":
+            del made[at : at + draw.choice([1, 4, 28, 32])]
+        elif how == "put":
+            made[at:at] = draw.choice([bytes(4), b" ", b"\n", b"\r\n", b"\t", b"\x1a", b"0"])
+        else:
+            made[at // 4 * 4 : at // 4 * 4 + 4] = struct.pack("<i", draw.choice([0, 1, 2, 3, 4, -1, 1000, 2**31 - 1, -(2**31)]))
+    return bytes(made)
+
+
+@pytest.mark.parametrize("file", SPOILT)
+def test_spoilt_files_are_refused_by_both_readers_or_by_none(file: str, tmp_path: Path) -> None:
+    path, draw = tmp_path / file, random.Random(file)
+    good = SPOILT[file](path).read_bytes()
+    content = document(with_source(source(path, LISTED, total_flux=1.0)))
+    accepted = 0
+    with session() as one:
+        for number in range(150):
+            path.write_bytes(spoilt := spoil(good, draw))
+            try:
+                # The source refuses what the program refuses of it: wavelengths that the spectrum has not, and invisible lumens.
+                source(path, LISTED, total_flux=1.0).generate(np.arange(1), NSQRng(1))
+                mine = ""
+            except nsq_gpu.UsageError as error:
+                mine = str(error)
+            try:
+                one.request(content, {"num_rays": 10})
+                theirs = ""
+            except nsq_gpu.NsqGpuError as error:
+                theirs = str(error)
+            assert bool(mine) == bool(theirs), (number, mine, theirs, spoilt[:300])
+            accepted += not mine
+    assert 8 < accepted < 120
+
+
+def test_spoilt_columns_are_refused_as_no_ray_file(tmp_path: Path) -> None:
+    path, draw = tmp_path / "a.npz", random.Random(1)
+    np.savez(path, **FEW)  # type: ignore[arg-type]
+    good = path.read_bytes()
+    refused = 0
+    for _ in range(400):
+        made = bytearray(good)
+        made[draw.choice([draw.randrange(len(made)), draw.randrange(200), len(made) - draw.randrange(1, 600)])] = draw.randrange(256)
+        path.write_bytes(bytes(made))
+        try:
+            rayfiles.read(str(path))
+        except nsq_gpu.UsageError as error:
+            assert str(error).startswith(str(path))
+            refused += 1
+    assert 100 < refused < 400
+
+
 def test_a_header_that_states_another_flux_binds_where_the_scene_says_none(tmp_path: Path) -> None:
     path = tm25(tmp_path / "a.tm25ray", BARE, total=99.0)
     with pytest.raises(nsq_gpu.UsageError, match=r"a.tm25ray: it states 99 W, and the flux of its rays is .* W in all; correct the file"):
@@ -301,8 +426,14 @@ def test_lumens_of_light_that_nobody_sees_are_refused(tmp_path: Path) -> None:
 def test_rays_too_many_to_hold_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rayfiles, "MOST_RAYS", 399)
     for file, write in [*FILES.values(), *(("a.dat", write) for write in TEXTS.values())]:
-        with pytest.raises(nsq_gpu.UsageError, match="it has 400 rays, and at most 399 are held; give a smaller file"):
+        with pytest.raises(nsq_gpu.UnsupportedSceneError, match="it has 400 rays, and for Optiland's backends at most 399 are read; trace"):
             rayfiles.read(str(write(tmp_path / file)))
+    # The program takes them.
+    np.savez(tmp_path / "a.npz", **COLORED)  # type: ignore[arg-type]
+    lamp = source(tmp_path / "a.npz", LISTED)
+    assert with_source(lamp).trace(100, backend=live.backend()).total_flux_in == pytest.approx(COLORED["flux"].sum())
+    with pytest.raises(nsq_gpu.UnsupportedSceneError, match=r"a.npz: it has 400 rays, and for Optiland's backends at most"):
+        lamp.generate(np.arange(5), NSQRng(1))
 
 
 def test_a_file_is_read_when_it_is_needed(tmp_path: Path) -> None:

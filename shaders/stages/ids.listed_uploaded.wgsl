@@ -1,5 +1,5 @@
-// The rays of a dispatch are those of a list of ids (low word, high word), and some begin as rays that the host has
-// uploaded. Twin of ids.listed.wgsl.
+// A dispatch traces the rays of a list of ids (low word, high word). Some begin as rays that the host has uploaded. Twin
+// of ids.listed.wgsl.
 @group(GROUP_SCENE) @binding(BINDING_LISTED_IDS) var<storage, read> listed_ids: array<vec2<u32>>;
 
 // The ray's place in the dispatch, and among the uploaded rays.

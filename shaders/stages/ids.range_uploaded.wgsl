@@ -1,5 +1,4 @@
-// The rays of a dispatch are those of its range, and some begin as rays that the host has uploaded. Twin of
-// stages/ids.range.wgsl.
+// A dispatch traces the rays of its range. Some begin as rays that the host has uploaded. Twin of stages/ids.range.wgsl.
 
 // The ray's place in the dispatch, and among the uploaded rays.
 var<private> place_in_dispatch: u32;

@@ -79,9 +79,13 @@ pub fn run(args: &Args) -> Result<String> {
             return Err(Error::file(dir, problem));
         }
         let names = ir.detectors.iter().map(|detector| detector.name.as_str());
+        let colored = scene.color_detectors();
         let ray_paths = parts.iter().any(|part| !part.tally.paths.is_empty());
         let paths = parts.iter().any(|part| part.tally.path_sums.is_some());
-        output::check(dir, &output::file_names(names, pictures.is_some(), ray_paths, paths, true))?;
+        output::check(
+            dir,
+            &output::file_names(names, pictures.map(|_| &colored[..]), ray_paths, paths, true),
+        )?;
     }
     let merged = merge(&ir, &parts)?;
     if merged.tally.path_sums.as_ref().is_some_and(PathTally::is_too_large) {

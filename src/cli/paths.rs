@@ -151,7 +151,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         let rows = (1..=listing.num_maps.min(num_written)).map(|rank| format!("path_{rank}"));
         let names: Vec<String> = names.chain(rows).collect();
         let names = names.iter().map(String::as_str);
-        output::check(dir, &output::file_names(names, pictures.is_some(), false, true, false))?;
+        output::check(dir, &output::file_names(names, pictures.map(|_| &[][..]), false, true, false))?;
     }
     let guide_file = args.trace.guide_file(&args.scene)?;
     let stop = stop_on_interrupt()?;

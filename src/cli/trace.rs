@@ -146,8 +146,14 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     if let Some(dir) = &args.output {
         let names = ir.detectors.iter().map(|detector| detector.name.as_str());
         let ray_paths = args.record_paths.is_some();
-        let names =
-            output::file_names(names, pictures.is_some(), ray_paths, args.trace.paths == PathsArg::On, true);
+        let colored = scene.color_detectors();
+        let names = output::file_names(
+            names,
+            pictures.map(|_| &colored[..]),
+            ray_paths,
+            args.trace.paths == PathsArg::On,
+            true,
+        );
         if let Some(path) = args.checkpoint.as_ref().filter(|path| is_one_of(path, dir, &names)) {
             let problem = "is the name of a file of the result; name another file for --checkpoint";
             return Err(Error::file(path, problem));
@@ -238,7 +244,7 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
     }
     if let Some(dir) = &args.output {
         let names = ir.detectors.iter().map(|detector| detector.name.as_str());
-        let mut files = output::file_names(names, pictures.is_some(), false, false, false);
+        let mut files = output::file_names(names, pictures.map(|_| &[][..]), false, false, false);
         files.insert(0, output::GRADIENTS.into());
         output::check(dir, &files)?;
     }

@@ -23,7 +23,7 @@ const KEY_WORDS: usize = 3;
 /// How a scene's shader follows paths.
 #[derive(Debug)]
 pub(super) struct PathShader {
-    /// Some rays are those of files, and are uploaded.
+    /// Some rays begin as rays of files, which the host uploads.
     uploads_rays: bool,
     sums: PathSums,
     filter: Option<Arc<PathFilter>>,

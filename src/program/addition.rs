@@ -107,7 +107,7 @@ pub trait ShaderAddition: Debug + Any + Send + Sync {
         false
     }
 
-    /// True if the rays of a dispatch are those of a list. The addition then uploads the rays of files that they begin with.
+    /// True if a dispatch traces the rays of a list. The addition then uploads the rays of files with which they begin.
     fn lists_rays(&self) -> bool {
         false
     }

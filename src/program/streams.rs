@@ -8,7 +8,7 @@ use crate::program::layout::kind_tables::Places;
 use crate::program::layout::rng;
 use std::sync::Arc;
 
-/// The numbers of the draws that pick a ray of a file: those of `SOURCE_U1` and `SOURCE_U2` in `rng_slots.wgsl`.
+/// The slots of the draws that pick a ray of a file: `SOURCE_U1` and `SOURCE_U2` of `rng_slots.wgsl`.
 const SLOTS: [u32; 2] = [0, 1];
 
 /// The rays of files, by source.

@@ -14,6 +14,7 @@ use std::path::{Component, Path, PathBuf};
 use crate::error::{Error, Result};
 use crate::format::hex;
 use crate::placing::{self, Journal, Lock, Scratch, step};
+use crate::result::file_names::OF_DETECTOR;
 pub use crate::result::file_names::{GRADIENTS, PATHS, RAY_PATHS, REPORT, TALLY};
 use crate::result::integrity::{self, FileHash, Meta, NO_HASH};
 use crate::result::png::Style;
@@ -109,20 +110,21 @@ pub fn check(dir: &Path, names: &[String]) -> Result<()> {
     if target.exists() { Before::of(dir).check(dir, names) } else { Ok(()) }
 }
 
-/// The names of the files that [`write`] would write.
+/// The names of the files that [`write`] would write. `pictures` names the detectors that see colour, if pictures are drawn.
 pub fn file_names<'a>(
     detectors: impl Iterator<Item = &'a str>,
-    pictures: bool,
+    pictures: Option<&'a [String]>,
     ray_paths: bool,
     paths: bool,
     tally: bool,
 ) -> Vec<String> {
-    let suffixes = if pictures { &[".npz", ".png"][..] } else { &[".npz"] };
-    let stems = file_stems(detectors);
+    let suffixes = if pictures.is_some() { &[".npz", ".png"][..] } else { &[".npz"] };
+    let (stems, of_colors) = stems_with_colors(detectors, pictures.into_iter().flatten().map(String::as_str));
     let of_detectors =
         stems.iter().flat_map(|stem| suffixes.iter().map(move |suffix| format!("{stem}{suffix}")));
     let others = [(RAY_PATHS, ray_paths), (PATHS, paths), (TALLY, tally), (REPORT, true)];
     of_detectors
+        .chain(of_colors.iter().map(|stem| format!("{stem}.png")))
         .chain(others.iter().filter(|(_, is_written)| *is_written).map(|(name, _)| name.to_string()))
         .collect()
 }
@@ -248,7 +250,7 @@ impl Before {
         let meta: Option<Meta> = serde_json::from_value(report["meta"].clone()).ok();
         if report["program"] == env!("CARGO_PKG_NAME") {
             let detectors = report["detectors"].as_object().into_iter().flat_map(|all| all.values());
-            let of_detectors = detectors.flat_map(|detector| [&detector["file"], &detector["picture"]]);
+            let of_detectors = detectors.flat_map(|detector| OF_DETECTOR.map(|key| &detector[key]));
             let names =
                 of_detectors.chain(["ray_paths", "paths_file", "gradients_file"].map(|key| &report[key]));
             let names = names.filter_map(Value::as_str);
@@ -405,15 +407,24 @@ fn attributes(folder: &Path) -> Option<Vec<u8>> {
 }
 
 /// Writes every file into `folder`; returns their names, `report.json` last, and its text.
-fn write_files(folder: &Path, result: &TraceResult, extras: &Extras<'_>) -> Result<(Vec<String>, String)> {
+fn write_files<'a>(
+    folder: &Path,
+    result: &'a TraceResult,
+    extras: &Extras<'_>,
+) -> Result<(Vec<String>, String)> {
     let mut names = Vec::new();
     let mut files = Files::default();
     let mut pictures = Vec::new();
-    for (detector, stem) in result
-        .detectors
-        .iter()
-        .zip(file_stems(result.detectors.iter().map(|detector| detector.name.as_str())))
-    {
+    let sees_color = |detector: &&Detector| {
+        let seen = detector.luminous.as_ref().filter(|_| extras.pictures.is_some());
+        seen.is_some_and(|seen| seen.color.is_some())
+    };
+    let name = |detector: &'a Detector| detector.name.as_str();
+    let (stems, of_colors) = stems_with_colors(
+        result.detectors.iter().map(name),
+        result.detectors.iter().filter(sees_color).map(name),
+    );
+    for (detector, stem) in result.detectors.iter().zip(stems) {
         let data = format!("{stem}.npz");
         step();
         npz_files::write_detector(&folder.join(&data), result, detector)?;
@@ -432,6 +443,12 @@ fn write_files(folder: &Path, result: &TraceResult, extras: &Extras<'_>) -> Resu
         }
     }
     draw(&pictures)?;
+    for (detector, stem) in result.detectors.iter().filter(sees_color).zip(of_colors) {
+        let picture = format!("{stem}.png");
+        png::write_true_colors(&folder.join(&picture), detector, extras.pictures.unwrap_or_default())?;
+        files.color_pictures.insert(detector.name.clone(), picture.clone());
+        names.push(picture);
+    }
     if let Some(paths) = &result.ray_paths {
         npz_files::write_ray_paths(&folder.join(RAY_PATHS), result, paths)?;
         files.ray_paths = Some(RAY_PATHS.into());
@@ -505,6 +522,18 @@ pub(crate) fn file_stems<'a>(names: impl Iterator<Item = &'a str>) -> Vec<String
         free
     };
     names.map(&mut distinct).collect()
+}
+
+/// The stems of the files of detectors, and of the pictures in true colours of those that see colour.
+fn stems_with_colors<'a>(
+    names: impl Iterator<Item = &'a str>,
+    colored: impl Iterator<Item = &'a str>,
+) -> (Vec<String>, Vec<String>) {
+    let names: Vec<&str> = names.collect();
+    let colored: Vec<String> = colored.map(|name| format!("{name}.color")).collect();
+    let mut stems = file_stems(names.iter().copied().chain(colored.iter().map(String::as_str)));
+    let of_colors = stems.split_off(names.len());
+    (stems, of_colors)
 }
 
 fn safe_stem(name: &str) -> String {

@@ -11,6 +11,7 @@ pub use crate::result::png::style::{Style, Unit};
 
 use crate::error::{Error, Result};
 use crate::format::{significant, with_prefix};
+use crate::result::picture::true_color::TrueColors;
 use crate::result::png::figures::Head;
 use crate::result::{Detector, DetectorData, DetectorDifference};
 use ndarray::{Axis, Ix2};
@@ -20,12 +21,28 @@ use ndarray::{Axis, Ix2};
 /// # Errors
 /// [`Error::File`] if the file cannot be written.
 pub fn write_detector(path: &Path, detector: &Detector, style: Style) -> Result<()> {
+    write(path, detector, style, None)
+}
+
+/// Draws what a detector recorded in the colours of its light. Nothing is done for a detector that saw no colour.
+///
+/// # Errors
+/// [`Error::File`] if the file cannot be written.
+pub fn write_true_colors(path: &Path, detector: &Detector, style: Style) -> Result<()> {
+    let color = detector.luminous.as_ref().and_then(|seen| seen.color.as_ref());
+    match color.and_then(TrueColors::of) {
+        Some(colors) => write(path, detector, style, Some(&colors)),
+        None => Ok(()),
+    }
+}
+
+fn write(path: &Path, detector: &Detector, style: Style, colors: Option<&TrueColors>) -> Result<()> {
     canvas::register_fonts();
     let name = detector.title.as_ref().unwrap_or(&detector.name);
     let quantity = detector.data.result().map().map_or(("", ""), |map| map.quantity);
     let num_rays_hit = detector.num_rays_hit;
-    let head = Head { name, num_rays_hit, flux: (detector.total_flux, "W"), quantity, style };
-    let drawn = match detector.luminous.as_ref().filter(|_| !style.is_in_watts()) {
+    let head = Head { name, num_rays_hit, flux: (detector.total_flux, "W"), quantity, style, colors };
+    let drawn = match detector.luminous.as_ref().filter(|_| colors.is_some() || !style.is_in_watts()) {
         Some(seen) => {
             let head = Head { flux: (seen.flux_lm, "lm"), quantity: seen.quantity(), ..head };
             let map = seen.map.view().into_dimensionality::<Ix2>();
@@ -69,6 +86,7 @@ pub fn write_difference(path: &Path, detector: &DetectorDifference, style: Style
         flux: (flux.difference, "W"),
         quantity: of_a.quantity,
         style,
+        colors: None,
     };
     figures::difference(path, &head, &numbers, [of_a.x, of_a.y], of_a.quantity, &values)
         .map_err(|error| Error::file(path, error))

@@ -53,6 +53,8 @@ pub struct Files {
     pub detectors: HashMap<String, String>,
     /// `.png` file per detector name.
     pub pictures: HashMap<String, String>,
+    /// `.png` file in true colours per name of a detector that sees colour.
+    pub color_pictures: HashMap<String, String>,
     /// File of the table of paths.
     pub paths: Option<String>,
     /// File of maps of derivatives.
@@ -147,6 +149,9 @@ fn detectors(result: &TraceResult, files: &Files) -> Map<String, Value> {
             "file": files.detectors.get(&detector.name),
             "picture": files.pictures.get(&detector.name),
         });
+        if let Some(picture) = files.color_pictures.get(&detector.name) {
+            entry["color_picture"] = json!(picture);
+        }
         for (key, value) in detector.data.result().entry() {
             entry[key] = value;
         }

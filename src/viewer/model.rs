@@ -2,11 +2,14 @@
 
 use crate::error::{Error, Result};
 use crate::model::photometry;
+use crate::result::color::Color;
 use crate::result::figures::field::{CellGeometry, Field};
 use crate::result::figures::region::{EncircledEnergy, Region, Statistics};
 use crate::result::output::REPORT;
+use crate::result::picture::polar;
 use crate::result::picture::pyramid::Pyramid;
-use crate::result::picture::scale::{Scale, ScaleKind};
+use crate::result::picture::scale::{ColorMap, Scale, ScaleKind};
+use crate::result::picture::true_color::TrueColors;
 use crate::result::{Detector, DetectorData, PathColumns, SpectralMap, TraceResult};
 use crate::viewer::light::{Context, Light, RaysOfPaths};
 use crate::viewer::line_profile::Line;
@@ -52,6 +55,8 @@ pub enum Picture {
         pyramid: Pyramid,
         /// The colours of the values.
         scale: Scale,
+        /// The colours of its light, if they are shown.
+        colors: Option<Box<TrueColors>>,
         /// The other of two results, which profiles show, too.
         other: Option<Box<Field>>,
         /// How significant a difference is.
@@ -176,7 +181,7 @@ impl Recipe {
                 let scale = Scale::fit_difference(scale, percentile, &field.values);
                 let scores = Some(Scores::of(&field));
                 let pyramid = pyramid_of(&field);
-                Ok(Picture::Map { field: Box::new(field), pyramid, scale, other: None, scores })
+                Ok(Picture::Map { field: Box::new(field), pyramid, scale, colors: None, other: None, scores })
             }
         }
     }
@@ -193,12 +198,28 @@ impl Recipe {
         let values = std::iter::once(&field.values).chain(scaled_with.map(|other| &other.values));
         let scale = Scale::fit(scale, percentile, values);
         let pyramid = pyramid_of(&field);
-        Ok(Picture::Map { field: Box::new(field), pyramid, scale, other, scores: None })
+        let colors = self.true_colors(detector, &field).map(Box::new);
+        Ok(Picture::Map { field: Box::new(field), pyramid, scale, colors, other, scores: None })
+    }
+
+    /// The colours of a detector's light, if they are asked for and known: of the cells of its field.
+    fn true_colors(&self, detector: &Detector, field: &Field) -> Option<TrueColors> {
+        let color = color_of(detector).filter(|_| self.key.settings.color_map == ColorMap::TrueColor)?;
+        let colors = TrueColors::of(color)?.changed(|map| match &detector.data {
+            DetectorData::FarField(_) => polar::in_equal_solid_angles(map, &field.measure),
+            DetectorData::Irradiance(_) | DetectorData::Spectral(_) | DetectorData::RayDatabase(_) => {
+                map.clone()
+            }
+        });
+        // A disc is drawn cell by cell.
+        Some(if field.geometry == CellGeometry::Polar { colors } else { colors.with_pyramids() })
     }
 
     /// The values of a detector, by the settings.
     fn field(&self, detector: &Detector) -> std::result::Result<Field, String> {
-        let Settings { photometric, polar, .. } = self.key.settings;
+        let Settings { photometric, polar, color_map, .. } = self.key.settings;
+        // True colours are as bright as the eye sees them.
+        let photometric = photometric || color_map == ColorMap::TrueColor && color_of(detector).is_some();
         if let DetectorData::Spectral(map) = &detector.data {
             return self.spectral_field(map);
         }
@@ -243,6 +264,11 @@ impl Recipe {
         }
         Ok(Field::of_spectral(map, &weights))
     }
+}
+
+/// The colour that a detector saw.
+fn color_of(detector: &Detector) -> Option<&Color> {
+    detector.luminous.as_ref()?.color.as_ref()
 }
 
 /// The pyramid of a field. A disc has none, because it is drawn cell by cell.
@@ -676,7 +702,9 @@ pub fn count(count: u64) -> String {
 impl Settings {
     /// The settings that change the values or the scale of a picture.
     fn of_pictures(&self) -> Settings {
-        let Settings { scale, common_scale, comparison, photometric, polar, directions, .. } = *self;
+        let Settings { scale, common_scale, comparison, photometric, polar, directions, color_map, .. } =
+            *self;
+        let is_true = color_map == ColorMap::TrueColor;
         let percentile = if scale == ScaleKind::Percentile { self.percentile } else { 0.0 };
         Settings {
             scale,
@@ -686,6 +714,7 @@ impl Settings {
             photometric,
             polar,
             directions,
+            color_map: if is_true { color_map } else { Settings::default().color_map },
             ..Settings::default()
         }
     }

@@ -5,6 +5,7 @@ use crate::result::picture::polar::{Disc, Window};
 use crate::result::picture::pyramid::Pyramid;
 use crate::result::picture::raster::{Means, disc, runs};
 use crate::result::picture::scale::{Palette, Scale};
+use crate::result::picture::true_color::TrueColors;
 use crate::viewer::plot::View;
 use crate::viewer::spots::Spots;
 use eframe::egui::{Color32, ColorImage};
@@ -13,6 +14,7 @@ use eframe::egui::{Color32, ColorImage};
 pub fn map(
     field: &Field,
     pyramid: &Pyramid,
+    colors: Option<&TrueColors>,
     (scale, palette): (&Scale, &Palette),
     view: &View,
     size: [usize; 2],
@@ -22,7 +24,8 @@ pub fn map(
     let raster = match field.geometry {
         CellGeometry::Rectangles => {
             let (along_x, along_y) = cells_per_pixel(field, view, size);
-            let level = pyramid.level(&field.values, along_x.min(along_y) / BLOCKS);
+            let block = along_x.min(along_y) / BLOCKS;
+            let level = pyramid.level(&field.values, block);
             let (rows, columns) = level.sums.dim();
             let blocks = |(low, high): (f64, f64), ends: (f64, f64), cells: usize| {
                 let at = |end: f64| (end - low) / (high - low) * cells as f64 / level.side as f64;
@@ -31,12 +34,18 @@ pub fn map(
             let cells = field.dim();
             let y = runs(blocks(field.y_range, view.y, cells.0), rows, size[1]);
             let x = runs(blocks(field.x_range, view.x, cells.1), columns, size[0]);
-            Means::new(&level, &y, &x).paint(color)
+            match colors {
+                Some(colors) => colors.pixels(block, (&y, &x), |_| *scale, palette.missing).0,
+                None => Means::new(&level, &y, &x).paint(color),
+            }
         }
         CellGeometry::Polar => {
             let limit = field.x_range.1;
             let radii = |(low, high): (f64, f64)| (low / limit, high / limit);
-            let colors = field.values.mapv(color);
+            let colors = match colors {
+                Some(colors) => colors.of_cells(scale, palette.missing),
+                None => field.values.mapv(color),
+            };
             let disc = Disc { colors: &colors, limit, reach: limit, outside: palette.missing };
             disc.draw(Window { x: radii(view.x), y: radii(view.y) }, size)
         }
@@ -143,7 +152,7 @@ mod tests {
 
     fn picture(field: &Field, view: View, size: [usize; 2]) -> Vec<Color32> {
         let (scale, palette) = palette(field);
-        map(field, &Pyramid::of(&field.values), (&scale, &palette), &view, size).pixels
+        map(field, &Pyramid::of(&field.values), None, (&scale, &palette), &view, size).pixels
     }
 
     /// The colour of a part of the largest value of a field.

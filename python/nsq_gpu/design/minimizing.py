@@ -26,7 +26,7 @@ _WITHOUT = ("Nelder-Mead", "Powell", "COBYLA", "differential_evolution")
 #: Classes of ``torch.optim``.
 _OF_TORCH = ("Adam", "AdamW", "SGD", "RMSprop", "Adagrad", "Adadelta", "Adamax", "NAdam", "RAdam")
 METHODS = (*_WITH_GRADIENTS, *_WITHOUT, *_OF_TORCH)
-#: Noise decides where each component of the gradient is below so many standard errors.
+#: Noise decides where the gradient is below so many of its standard errors.
 _SIGMAS = 2.0
 #: By how much more rays a design is judged on fresh draws.
 _FRESH = 4
@@ -165,13 +165,34 @@ class _Run:
             raise _Enough("noise decides: the gradient is within its errors", is_end=False)
 
     def _noise_decides(self, x: np.ndarray) -> bool:
+        """Tell whether the gradient, in all directions, is what noise makes of none."""
         found = self.problem.gradient(x)
         free = [index for index in range(len(x)) if not self.problem._is_held(x, found.values, index)]
-        return bool(free) and all(abs(found.values[index]) < _SIGMAS * found.standard_errors[index] for index in free)
+        return bool(free) and is_noise(found.values[free], found.influences[:, free])
 
     def save(self) -> None:
         if self.log_file is not None:
             self.log.save(self.log_file)
+
+
+def is_noise(gradient: np.ndarray, influences: np.ndarray) -> bool:
+    """Tell whether noise can have made a gradient, by Hotelling's test: along a valley each component may be within its error, while
+    all together are not.
+
+    Of n components and K blocks the statistic is that of F with n and K - n degrees of freedom, about 1 where noise alone is. Where
+    there are few blocks, half of the covariance is that of independent components.
+    """
+    count, size = influences.shape
+    apart = influences - influences.mean(axis=0)
+    covariance = (count - 1) / count * apart.T @ apart
+    if size > count / 2:
+        covariance = 0.5 * covariance + 0.5 * np.diag(np.diag(covariance))
+    scale = np.sqrt(np.diag(covariance))
+    if not (scale > 0.0).all():
+        return not gradient[scale <= 0.0].any() and (scale <= 0.0).all()
+    statistic = float(gradient / scale @ np.linalg.solve(covariance / scale / scale[:, None], gradient / scale))
+    freedom = max((count - size) / (count - 1), 1.0 / (count - 1))
+    return statistic * freedom / size < _SIGMAS**2
 
 
 def minimize(problem: Problem, method: str, *, x0: Any, max_rays: int | None, budget: float | None, steps: int, growth: int,

@@ -29,6 +29,8 @@ from nsq_gpu.units import unit_of
 GRADIENTS = ("auto", "reverse", "differences")
 #: Rays by which precision and depth are found, which then are frozen.
 _FIRST_RAYS = 64
+#: By how much of itself the merit rises where second derivatives are found.
+_RISE = 0.03
 #: What is one trace: the filter, and whether rays are guided.
 _Group = tuple[str | None, bool]
 
@@ -435,27 +437,31 @@ class Problem:
         """
         here = np.array(list(self._numbers(x).values()))
         low, high = self.bounds.T
-        size, step = high - low, 2.0 * self._step * (high - low)
+        size = high - low
         first = self.gradient(here)
         free = [index for index in range(len(here)) if not self._is_held(here, first.values, index)]
         found = np.zeros(len(here))
         if not free:
             return found
-        second = np.empty((len(free), len(free)))
-        for row, index in enumerate(free):
-            ends = []
-            for side in (-1.0, 1.0):
-                end = here.copy()
-                end[index] = np.clip(end[index] + side * step[index], low[index], high[index])
-                ends.append((end[index], self.gradient(end, errors=False).values[free]))
-            second[row] = (ends[1][1] - ends[0][1]) / (ends[1][0] - ends[0][0])
-        scaled = (second + second.T) / 2.0 * size[free] * size[free][:, None]
-        if np.linalg.eigvalsh(scaled)[0] <= 0.0:
+        merit_here, at = float(self.value(here)), (here[free] - low[free]) / size[free]
+
+        def gradient_at(u: np.ndarray) -> np.ndarray:
+            moved = here.copy()
+            moved[free] = low[free] + u * size[free]
+            return np.asarray(self.gradient(moved, errors=False).values[free] * size[free])
+
+        try:
+            _, axes = np.linalg.eigh(np.array([_second(gradient_at, at, axis, merit_here, 2.0 * self._step) for axis in np.eye(len(free))]))
+            # A valley is a thousand times flatter along than across: its curvature shows along its own axis alone.
+            second = np.array([_second(gradient_at, at, axis, merit_here, 2.0 * self._step) @ axis for axis in axes.T])
+        except SceneError:
+            second = np.zeros(1)
+        if not (second > 0.0).all():
             found[free] = np.nan
             return found
-        moved = np.linalg.solve(scaled, (first.influences[:, free] * size[free]).T).T * size[free]
+        moved = (first.influences[:, free] * size[free]) @ axes / second @ axes.T * size[free]
+        left = (first.values[free] * size[free]) @ axes / second @ axes.T * size[free]
         count = len(moved)
-        left = np.linalg.solve(scaled, first.values[free] * size[free]) * size[free]
         found[free] = np.sqrt((count - 1) / count * ((moved - moved.mean(axis=0))**2).sum(axis=0) + left**2)
         return found
 
@@ -503,6 +509,20 @@ class Problem:
     def rays_so_far(self) -> int:
         """Return the rays of all traces so far."""
         return self._tracer.num_rays
+
+
+def _second(gradient: Callable[[np.ndarray], np.ndarray], at: np.ndarray, axis: np.ndarray, merit_here: float, step: float) -> np.ndarray:
+    """Return the second derivatives along an axis, from gradients on both sides, where the merit is a few percent larger."""
+    for _ in range(3):
+        # No point may lie beyond a bound.
+        ends = [np.clip(at + side * step * axis, 0.0, 1.0) for side in (-1.0, 1.0)]
+        apart = float(np.linalg.norm(ends[1] - ends[0]))
+        found = (gradient(ends[1]) - gradient(ends[0])) / apart
+        wanted = np.sqrt(2.0 * _RISE * merit_here / max(abs(float(found @ axis)), 1e-300))
+        if 0.4 * step < wanted < 2.5 * step or merit_here <= 0.0:
+            break
+        step = min(max(wanted, 1e-5), 0.1)
+    return np.asarray(found)
 
 
 def _bounds(name: str, given: Any) -> tuple[float, float]:

@@ -112,7 +112,7 @@ def _tabulated(source: Any, place: str) -> Json:
 
 def _rays(source: Any, place: str) -> Json:
     # Scenes are traced from folders of their own: the path is absolute.
-    return {"file": source.file, "order": "drawn", "scale": number(source.scale, f"{place}: scale")}
+    return {"file": source.file, "order": source.order, "scale": number(source.scale, f"{place}: scale")}
 
 
 def _aim(aim: Any, place: str) -> Json:

@@ -15,7 +15,7 @@ const SCHEMA: u32 = 1;
 
 /// The names of the files that [`write`] would write.
 pub fn file_names<'a>(detectors: impl Iterator<Item = &'a str>, pictures: bool) -> Vec<String> {
-    output::file_names(detectors, pictures, false, false, false)
+    output::file_names(detectors, pictures.then_some(&[]), false, false, false)
 }
 
 /// Writes all files into `dir`, in one step, and returns their paths.

@@ -146,11 +146,16 @@ impl Means {
 
     /// The pixels, in the colours of their values.
     pub fn paint(&self, color: impl Fn(f64) -> Rgb) -> Raster {
+        self.paint_cells(|cell| color(self.values[cell]))
+    }
+
+    /// The pixels, in colours by the row and the column of their values.
+    pub fn paint_cells(&self, color: impl Fn((usize, usize)) -> Rgb) -> Raster {
         let [width, height] = [&self.widths, &self.heights].map(|counts| counts.iter().sum::<usize>());
         let mut rgb = Vec::with_capacity(3 * width * height);
-        for (height, values) in self.heights.iter().zip(self.values.outer_iter()).rev() {
-            let colors = values.iter().zip(&self.widths);
-            let row: Vec<u8> = colors.flat_map(|(value, width)| color(*value).repeat(*width)).collect();
+        for (y, height) in self.heights.iter().enumerate().rev() {
+            let colors = self.widths.iter().enumerate();
+            let row: Vec<u8> = colors.flat_map(|(x, width)| color((y, x)).repeat(*width)).collect();
             (0..*height).for_each(|_| rgb.extend_from_slice(&row));
         }
         Raster { width, height, rgb }

@@ -5,6 +5,7 @@
 
 use crate::format::{si_prefix, significant};
 use crate::result::picture::Rgb;
+use crate::result::picture::srgb;
 use crate::result::picture::ticks::{Tick, decades, ticks, with_minus};
 use ndarray::Array2;
 use serde::{Deserialize, Serialize};
@@ -31,6 +32,8 @@ pub enum ColorMap {
     Grey,
     /// For differences: red where A is larger.
     RedBlue,
+    /// The colours of the light itself; of what has no colour, white light.
+    TrueColor,
 }
 
 /// A scale fitted to values.
@@ -86,16 +89,18 @@ impl ScaleKind {
 
 impl ColorMap {
     /// All that are offered, in this order.
-    pub const ALL: [(ColorMap, &'static str); 5] = [
+    pub const ALL: [(ColorMap, &'static str); 6] = [
         (ColorMap::Inferno, "Inferno"),
         (ColorMap::Magma, "Magma"),
         (ColorMap::Viridis, "Viridis"),
         (ColorMap::Cividis, "Cividis"),
         (ColorMap::Grey, "Grey"),
+        (ColorMap::TrueColor, "True colour"),
     ];
 
     fn color(self, position: f64) -> Rgb {
         let (gradient, position) = match self {
+            ColorMap::TrueColor => return srgb::white(position),
             ColorMap::Inferno => (colorous::INFERNO, position),
             ColorMap::Magma => (colorous::MAGMA, position),
             ColorMap::Viridis => (colorous::VIRIDIS, position),
@@ -117,9 +122,18 @@ impl Palette {
         Palette { colors, reserved, zero: ColorMap::Inferno.color(0.0), missing: [255; 3] }
     }
 
+    /// True colours, in which no light is black.
+    pub fn of_true_colors(missing: Rgb) -> Self {
+        Palette { colors: ColorMap::TrueColor, reserved: 0.0, zero: [0; 3], missing }
+    }
+
     /// The colours of the window, with `missing` where there is no value.
     pub fn of_window(map: ColorMap, diverging: bool, missing: Rgb) -> Self {
-        let (colors, reserved) = if diverging { (ColorMap::RedBlue, 0.0) } else { (map, RESERVED) };
+        let (colors, reserved) = match (diverging, map) {
+            (true, _) => (ColorMap::RedBlue, 0.0),
+            (false, ColorMap::TrueColor) => return Palette::of_true_colors(missing),
+            (false, map) => (map, RESERVED),
+        };
         Palette { colors, reserved, zero: [12, 13, 17], missing }
     }
 

@@ -249,7 +249,7 @@ impl Canvas<'_> {
 
     /// The colours of a scale, with ticks in a unit whose prefix fits.
     pub fn color_bar(&self, place: Place, bar: &ColorBar) -> Drawn {
-        let colors = Palette::of_files(&bar.scale).lookup();
+        let colors = bar.palette.lookup();
         let mut raster = Raster::filled(place.width as usize, place.height as usize, [0; 3]);
         for (row, pixels) in raster.rgb.chunks_exact_mut(3 * place.width as usize).enumerate() {
             let part = row as f64 / f64::from(place.height - 1).max(1.0);
@@ -309,6 +309,8 @@ pub(super) struct ColorBar {
     pub unit: (f64, String),
     axis: Axis,
     scale: Scale,
+    /// Its colours.
+    pub palette: Palette,
 }
 
 impl ColorBar {
@@ -328,7 +330,7 @@ impl ColorBar {
         } else {
             Axis::vertical(&label, range, length, text)
         };
-        ColorBar { unit, axis, scale }
+        ColorBar { unit, axis, scale, palette: Palette::of_files(&scale) }
     }
 
     /// Width of ticks, labels and name, right of the colours \[pixels\].

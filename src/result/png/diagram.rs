@@ -29,8 +29,11 @@ pub(crate) fn far_field(
     (reach, solid_angles): (f64, &[f64]),
 ) -> Drawn {
     let intensity = in_equal_solid_angles(intensity, solid_angles);
-    let draw = if head.style.is_polar { polar_diagram } else { figures::directions };
-    draw(path, head, &intensity, reach)
+    let colors = head.colors.map(|colors| colors.changed(|map| in_equal_solid_angles(map, solid_angles)));
+    let head = Head { colors: colors.as_ref(), ..*head };
+    // A diagram has curves, and no cells that could have a colour.
+    let draw = if head.style.is_polar && colors.is_none() { polar_diagram } else { figures::directions };
+    draw(path, &head, &intensity, reach)
 }
 
 /// The diagram, in which the polar angle 0 points down.

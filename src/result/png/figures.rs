@@ -10,6 +10,7 @@ use crate::result::picture::polar::{Disc, Window};
 use crate::result::picture::pyramid::Pyramid;
 use crate::result::picture::raster::{Means, Raster, runs};
 use crate::result::picture::scale::{Palette, Scale, ScaleKind};
+use crate::result::picture::true_color::TrueColors;
 pub(crate) use crate::result::png::canvas::Drawn;
 use crate::result::png::canvas::{Axis, Canvas, ColorBar, Place, picture, text_width, with_unit};
 use crate::result::png::style::Style;
@@ -18,6 +19,8 @@ use ndarray::Array2;
 /// What pictures of far fields say of their cells.
 pub(super) const EQUAL_CELLS: &str = "cells of equal solid angle";
 
+/// The colour where a picture has no value.
+const MISSING: Rgb = [255; 3];
 /// Sizes in multiples of the text size.
 const PAD: f64 = 1.0;
 const HEAD: f64 = 4.6;
@@ -93,6 +96,8 @@ pub(crate) struct Head<'a> {
     pub quantity: (&'static str, &'static str),
     /// How values are shown.
     pub style: Style,
+    /// The colours of the light, if they are shown.
+    pub colors: Option<&'a TrueColors>,
 }
 
 /// The line of numbers below a title.
@@ -125,7 +130,7 @@ pub(crate) fn difference(
     values: &Array2<f64>,
 ) -> Drawn {
     let name = format!("{name}, A − B");
-    MapPanel::of_spans(spans, (&name, unit), values, (None, head.style)).write(path, head, numbers)
+    MapPanel::of_spans(spans, (&name, unit), values, (None, head.style), None).write(path, head, numbers)
 }
 
 /// Irradiance over all wavelengths, and below it the spectrum: edges of bins \[um\], and the flux of each \[W\].
@@ -187,15 +192,16 @@ impl MapPanel {
     fn new((width, height): (f64, f64), values: &Array2<f64>, head: &Head) -> Self {
         let span = |name, size: f64| Span { label: (name, "mm"), range: (-size / 2.0, size / 2.0) };
         let spans = [span("x", width), span("y", height)];
-        Self::of_spans(spans, head.quantity, values, (Some(head.style.scale()), head.style))
+        Self::of_spans(spans, head.quantity, values, (Some(head.style.scale()), head.style), head.colors)
     }
 
-    /// A map in the colours of a kind of scale, or of differences.
+    /// A map in the colours of a kind of scale, of differences, or of the light.
     fn of_spans(
         [x, y]: [Span; 2],
         (name, unit): (&str, &str),
         values: &Array2<f64>,
         (kind, style): (Option<ScaleKind>, Style),
+        colors: Option<&TrueColors>,
     ) -> Self {
         let (ny, nx) = values.dim();
         let length = |span: &Span| span.range.1 - span.range.0;
@@ -203,19 +209,31 @@ impl MapPanel {
         let text = text_size(size);
         let whole = Pyramid::default();
         let along = |cells: usize, pixels: usize| runs((0.0, cells as f64), cells, pixels);
-        let means = Means::new(&whole.level(values, 1.0), &along(ny, size.1), &along(nx, size.0));
-        let scale = match kind {
-            Some(kind) => fitted(kind, &means.values),
-            None => Scale::fit_difference(ScaleKind::Linear, 100.0, &means.values),
+        let (rows, columns) = (along(ny, size.1), along(nx, size.0));
+        let fit = |values: &Array2<f64>| match kind {
+            Some(kind) => fitted(kind, values),
+            None => Scale::fit_difference(ScaleKind::Linear, 100.0, values),
         };
-        let color = Palette::of_files(&scale).lookup();
+        let (raster, scale) = match colors {
+            Some(colors) => colors.pixels(1.0, (&rows, &columns), fit, MISSING),
+            None => {
+                let means = Means::new(&whole.level(values, 1.0), &rows, &columns);
+                let scale = fit(&means.values);
+                let color = Palette::of_files(&scale).lookup();
+                (means.paint(|value| color(scale.shade(value))), scale)
+            }
+        };
         let bar_length = (size.1 as f64).max(LEAST_HEIGHT * text) as i32;
+        let mut bar = ColorBar::new(name, style.unit_of(unit, scale.high), scale, bar_length, text);
+        if colors.is_some() {
+            bar.palette = Palette::of_true_colors(MISSING);
+        }
         MapPanel {
             text,
             x: Axis::horizontal(&with_unit(x.label.0, x.label.1), x.range, size.0 as i32, text),
             y: Axis::vertical(&with_unit(y.label.0, y.label.1), y.range, size.1 as i32, text),
-            bar: ColorBar::new(name, style.unit_of(unit, scale.high), scale, bar_length, text),
-            raster: means.paint(|value| color(scale.shade(value))),
+            bar,
+            raster,
         }
     }
 
@@ -282,12 +300,20 @@ pub(super) fn directions(path: &Path, head: &Head, intensity: &Array2<f64>, reac
     let text = text_size((SIZE, SIZE));
     let px = |times: f64| (times * text).round() as i32;
     let scale = fitted(head.style.scale(), intensity);
-    let color = Palette::of_files(&scale).lookup();
-    let colors = intensity.mapv(|value| color(scale.shade(value)));
-    let disc = Disc { colors: &colors, limit, reach, outside: [255; 3] };
+    let colors = match head.colors {
+        Some(colors) => colors.of_cells(&scale, MISSING),
+        None => {
+            let color = Palette::of_files(&scale).lookup();
+            intensity.mapv(|value| color(scale.shade(value)))
+        }
+    };
+    let disc = Disc { colors: &colors, limit, reach, outside: MISSING };
     let mut raster = disc.draw(Window::WHOLE, [SIZE; 2]);
     let unit = head.style.unit_of(head.quantity.1, scale.high);
-    let bar = ColorBar::new(head.quantity.0, unit, scale, SIZE as i32, text);
+    let mut bar = ColorBar::new(head.quantity.0, unit, scale, SIZE as i32, text);
+    if head.colors.is_some() {
+        bar.palette = Palette::of_true_colors(MISSING);
+    }
     let numbers = numbers(head, Some((scale.high, &bar))) + " · " + EQUAL_CELLS;
     let axis = polar_axis(limit);
     for (angle, _) in axis.ticks.iter().filter(|(angle, _)| *angle > 0.0 && *angle < limit) {

@@ -3,6 +3,7 @@
 use crate::error::{Error, Result};
 use crate::format::hex;
 use crate::result::Report;
+use crate::result::file_names::OF_DETECTOR;
 use crate::result::integrity::{self, Meta};
 use crate::result::output::{REPORT, TALLY};
 use crate::run::verify::finding::Finding;
@@ -114,7 +115,7 @@ fn check_keys(report: &Value, damaged: &mut impl FnMut(&str)) {
 /// The names of files that a report without hashes has, the sums among them.
 fn named(report: &Value) -> BTreeSet<String> {
     let detectors = report["detectors"].as_object().into_iter().flat_map(|all| all.values());
-    let of_detectors = detectors.flat_map(|detector| [&detector["file"], &detector["picture"]]);
+    let of_detectors = detectors.flat_map(|detector| OF_DETECTOR.map(|key| &detector[key]));
     let others = ["ray_paths", "paths_file", "gradients_file"].map(|key| &report[key]);
     let names = of_detectors.chain(others).filter_map(Value::as_str).map(String::from);
     names.chain([REPORT, TALLY].map(String::from)).collect()

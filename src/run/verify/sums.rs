@@ -20,9 +20,10 @@ const ROUNDING: f64 = 1e-12;
 const ROUNDING_OF_SUMS: f64 = 1e-9;
 
 /// Keys of the report that do not follow from the sums.
-const APART: [&str; 10] = [
+const APART: [&str; 11] = [
     "file",
     "picture",
+    "color_picture",
     "paths_file",
     "gradients_file",
     "ray_paths",

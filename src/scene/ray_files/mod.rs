@@ -129,7 +129,7 @@ impl<R: Read + Seek> RayFile<R> {
     /// times as fast where few are wanted.
     ///
     /// # Errors
-    /// Those of [`RayFile::read`], and those of `picking`.
+    /// As [`RayFile::read`], and what `picking` returns.
     pub fn pick<E: From<Error>>(
         &mut self,
         range: Range<u64>,

@@ -75,7 +75,7 @@ fn read(
         Some(_) => Some(OwnFlux::Watts(watts)),
         None => None,
     };
-    // The spectrum of the source becomes that of the file.
+    // The spectrum of the source becomes the file's.
     if taking.is_by_wavelength() {
         let listed = taking.wavelengths.iter().copied().flatten().zip(&collected.shares);
         let (wavelengths, weights) = listed.filter(|(_, share)| **share > 0.0).unzip();

@@ -151,8 +151,8 @@ fn paint(app: &mut App, ui: &Ui, painter: &Painter, frame: &PlotFrame, picture: 
     });
     if !fresh {
         let image = match picture.as_ref() {
-            Picture::Map { field, pyramid, scale, .. } => {
-                screen_pixels::map(field, pyramid, (scale, &palette), &frame.view, size)
+            Picture::Map { field, pyramid, scale, colors, .. } => {
+                screen_pixels::map(field, pyramid, colors.as_deref(), (scale, &palette), &frame.view, size)
             }
             Picture::Spots(spots) => {
                 let color = |wavelength: f64| wavelength_color(ui, wavelength, spots.wavelengths);
