@@ -28,7 +28,7 @@ SEARCH_IS_OVER = "return / found|did not match/.test(document.querySelector('#se
 #: What users call things, and the page that must be among the first found: that of words, or one of its own.
 WORDS = {"PST": "how-to/stray-light"} | dict.fromkeys(("black paint", "light pipe", "TIR", "inch"), "reference/words")
 WORDS |= dict.fromkeys(("lux", "candela", "uniformity", "beam angle"), "how-to/illumination")
-WORDS |= {"tolerance": "how-to/tolerances", "AR coating": "notebooks/coated_lens", "phosphor": "notebooks/led_color"}
+WORDS |= {"tolerance": "how-to/tolerances", "merit function": "how-to/design", "AR coating": "notebooks/coated_lens", "phosphor": "notebooks/led_color"}
 
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 in_a_browser = pytest.mark.skipif(not (CHROMIUM and DRIVER), reason="chromium and chromedriver are missing")

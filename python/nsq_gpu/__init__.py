@@ -47,6 +47,9 @@ for the energy it says what the ledger says.
 by any number of parameters, in one pass. With Optiland's backend set to torch,
 results carry a graph to tensors that have ``requires_grad``, where TorchBackend's do; ``backward()`` walks rays back.
 
+``register_operands()`` puts ghosts, fluxes and uniformity of a lens's scene into Optiland's optimisers, beside spot sizes;
+``Problem(scene, {"L1.r1": (20, 60)}, operands)`` is a design with bounds, targets, a budget, and errors.
+
 ``diff(a, b, num_rays)`` says what a change does: both scenes by the same draws, A - B with standard errors of its own.
 
 ``ghosts(optic)`` is the table of a lens's ghosts over its fields, with maps of the worst ones.
@@ -73,7 +76,8 @@ from nsq_gpu.backend import NsqGpuBackend
 from nsq_gpu.binary import find_binary
 from nsq_gpu.convert import from_file, from_optic
 from nsq_gpu.default import use
-from nsq_gpu.design import Problem, register_operands
+from nsq_gpu.design.operands import register_operands
+from nsq_gpu.design.problem import Problem
 from nsq_gpu.difference import Difference, diff
 from nsq_gpu.display import register as _register
 from nsq_gpu.errors import (

@@ -15,7 +15,8 @@ from optiland.nonsequential.sources.base import Spectrum
 from optiland.nonsequential.sources.configs import CollimatedSourceConfig
 
 import nsq_gpu
-from nsq_gpu.design import METHODS, Design, EncircledEnergy, Flux, GhostFlux, GhostPeak, Log, MatchMap, Objective, Peak, RmsRadius, Step, Uniformity
+from nsq_gpu.design import Design, EncircledEnergy, Flux, GhostFlux, GhostPeak, Log, MatchMap, Objective, Peak, RmsRadius, Step, Uniformity
+from nsq_gpu.design.minimizing import METHODS
 from tests import live
 from tests.live import cs
 

@@ -56,9 +56,9 @@ pub struct Program {
     /// The uniforms of additions that a dispatch reads: the binding, and the contents by source.
     pub uploads: Vec<(u32, Vec<Vec<u8>>)>,
     /// The rays of files that are uploaded for each dispatch.
-    pub(super) streams: Streams,
+    streams: Streams,
     /// The seed of the draws.
-    pub(super) seed: u64,
+    seed: u64,
     /// The words of step 0 of the random generator's table.
     first_step: [u32; 4],
 }
@@ -233,6 +233,24 @@ impl Program {
         &self.rng_table
     }
 
+    /// True if rays of this source begin as rays that are uploaded.
+    pub(crate) fn streams_rays(&self, source: usize) -> bool {
+        self.streams.has(source)
+    }
+
+    /// What is uploaded for a dispatch of rays with these ids, and its first byte in the tables' buffer. None for a source whose
+    /// rays are not uploaded.
+    ///
+    /// # Errors
+    /// If the rays' file can no longer be read, or the precision cannot hold a number.
+    pub(crate) fn streamed_rows(&self, source: usize, ids: &[u64]) -> Result<Option<(u64, Vec<u8>)>> {
+        let rows = self.streams.rows(source, self.seed, ids)?;
+        let bytes = |(first, numbers): (usize, Vec<f64>)| {
+            Ok(((first * self.real_size()) as u64, self.reals(numbers.into_iter())?))
+        };
+        rows.map(bytes).transpose()
+    }
+
     fn pack_sources(&self, ir: &SceneIr, places: &Places) -> Result<Vec<Vec<u8>>> {
         if ir.sources.len() == 1 {
             return Ok(Vec::new());
@@ -246,7 +264,7 @@ impl Program {
         self.splitting.map_or(1, |splitting| splitting.most_rays())
     }
 
-    pub(super) fn reals(&self, values: impl Iterator<Item = f64>) -> Result<Vec<u8>> {
+    fn reals(&self, values: impl Iterator<Item = f64>) -> Result<Vec<u8>> {
         let size = self.real_size();
         let mut bytes = Vec::new();
         for value in values {

@@ -3,7 +3,6 @@
 use crate::error::{Error, Result};
 use crate::model::sources::rays::{FileRays, MOST_UPLOADED, RayStream, UPLOADED_NUMBERS};
 use crate::model::{SceneIr, SourceKind};
-use crate::program::Program;
 use crate::program::layout::kind_tables::Places;
 use crate::program::layout::rng;
 use std::sync::Arc;
@@ -37,41 +36,39 @@ impl Streams {
         Streams { of_sources: kinds.enumerate().map(stream).collect(), wavelengths: ir.wavelengths.clone() }
     }
 
-    fn of_source(&self, number: usize) -> Option<&Stream> {
-        self.of_sources.get(number)?.as_ref()
-    }
-}
-
-impl Program {
     /// True if rays of this source begin as rays that are uploaded.
-    pub(crate) fn streams_rays(&self, source: usize) -> bool {
-        self.streams.of_source(source).is_some()
+    pub(super) fn has(&self, source: usize) -> bool {
+        self.of_source(source).is_some()
     }
 
-    /// The rows for a dispatch of rays with these ids, and their first byte in the tables' buffer. None for a source whose rays
-    /// are not uploaded.
+    /// The numbers of the rows for rays with these ids, and where the rows begin in the tables. None for a source whose rays are
+    /// not uploaded.
     ///
     /// Both samplers draw a file's ray at random, by the keyed draws of [`rng`].
     ///
     /// # Errors
-    /// If the file can no longer be read, or a number is beyond the precision.
-    pub(crate) fn streamed_rows(&self, source: usize, ids: &[u64]) -> Result<Option<(u64, Vec<u8>)>> {
-        let Some(stream) = self.streams.of_source(source) else { return Ok(None) };
+    /// If the file can no longer be read.
+    pub(super) fn rows(&self, source: usize, seed: u64, ids: &[u64]) -> Result<Option<(usize, Vec<f64>)>> {
+        let Some(stream) = self.of_source(source) else { return Ok(None) };
         if ids.len() > MOST_UPLOADED as usize {
             return Err(Error::Internal(format!("{} rays of a file are uploaded at once", ids.len())));
         }
         let draw = |id: u64| {
-            let [low, high] = SLOTS.map(|slot| u64::from(rng::draw(self.seed, id, 0, slot)));
+            let [low, high] = SLOTS.map(|slot| u64::from(rng::draw(seed, id, 0, slot)));
             (high << 32) | low
         };
-        let rays = stream.rays.rays(self.seed, ids, &draw)?;
-        let number_of = |own: f64| self.streams.wavelengths.iter().position(|listed| *listed == own);
+        let rays = stream.rays.rays(seed, ids, &draw)?;
+        let number_of = |own: f64| self.wavelengths.iter().position(|listed| *listed == own);
         let numbers = rays.iter().flat_map(|ray| {
             let wavelength = ray.wavelength.and_then(number_of).map_or(-1.0, |number| number as f64);
             let ([x, y, z], [l, m, n]) = (ray.position, ray.direction);
             let row: [f64; UPLOADED_NUMBERS] = [wavelength, x, y, z, l, m, n];
             row
         });
-        Ok(Some(((stream.first * self.real_size()) as u64, self.reals(numbers)?)))
+        Ok(Some((stream.first, numbers.collect())))
+    }
+
+    fn of_source(&self, number: usize) -> Option<&Stream> {
+        self.of_sources.get(number)?.as_ref()
     }
 }

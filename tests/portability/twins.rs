@@ -7,6 +7,7 @@ use crate::variants::{
 use naga::{Expression, Literal, Module};
 use nsq_gpu::engine::sums;
 use nsq_gpu::model::bsdfs::harvey_shack;
+use nsq_gpu::model::sources::rays::UPLOADED_NUMBERS;
 use nsq_gpu::model::{Apart, DetectorKind, FarField, Interaction, Splat};
 use nsq_gpu::program::layout::tables::{CELL_BULK, CELL_DEPTH_KILLED, LEDGER_CELLS};
 use nsq_gpu::program::layout::{bindings, rng};
@@ -168,6 +169,7 @@ fn sources_have_the_codes_of_the_dispatch() {
         let bytes = &program.source_uniforms[source];
         assert_eq!(bytes[offset..offset + 4], (name as u32).to_le_bytes(), "{name:?}");
     }
+    assert_eq!(constant(&program.module, "UPLOADED_RAY_NUMBERS"), UPLOADED_NUMBERS as f64);
 }
 
 /// The order in which the host drains the cells.

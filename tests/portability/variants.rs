@@ -870,7 +870,7 @@ pub fn source_of(name: SourceFunction) -> SourceKind {
             SourceKind::Rays(sources::Rays { set: set.into() })
         }
         SourceFunction::StreamedRays => {
-            let set = RaySet::streamed("0".into(), 1.0, Arc::new(Streamed), Bounds::default());
+            let set = RaySet::streamed("1".into(), 1.0, Arc::new(Streamed), Bounds::default());
             SourceKind::Rays(sources::Rays { set: set.into() })
         }
         SourceFunction::Pupil => SourceKind::Pupil(Pupil {

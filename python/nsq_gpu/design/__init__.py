@@ -11,9 +11,8 @@
 
 from nsq_gpu.design.log import Log, Step
 from nsq_gpu.design.maps import BlockMaps, Estimate
-from nsq_gpu.design.minimizing import METHODS, Design
+from nsq_gpu.design.minimizing import Design
 from nsq_gpu.design.objectives import (
-    GHOSTS,
     EncircledEnergy,
     Flux,
     GhostFlux,
@@ -25,12 +24,10 @@ from nsq_gpu.design.objectives import (
     TorchFunction,
     Uniformity,
 )
-from nsq_gpu.design.operands import operand_estimate, register_operands
-from nsq_gpu.design.problem import Gradient, Problem, Value
+from nsq_gpu.design.operands import operand_estimate
+from nsq_gpu.design.problem import Gradient, Value
 
 __all__ = [
-    "GHOSTS",
-    "METHODS",
     "BlockMaps",
     "Design",
     "EncircledEnergy",
@@ -43,12 +40,10 @@ __all__ = [
     "MatchMap",
     "Objective",
     "Peak",
-    "Problem",
     "RmsRadius",
     "Step",
     "TorchFunction",
     "Uniformity",
     "Value",
     "operand_estimate",
-    "register_operands",
 ]

@@ -15,7 +15,6 @@ import numpy as np
 import optiland.backend as be
 from optiland.nonsequential.components.refractive import RefractiveComponent
 from optiland.optic import Optic
-from optiland.optimization.operand.operand import operand_registry
 
 from nsq_gpu.arguments import near, wrong_kind
 from nsq_gpu.binary import find_binary
@@ -119,6 +118,9 @@ def register_operands() -> Log:
     Returns:
         Notes of what was done: guides that were learned, lenses that could not be traced, differences in the place of gradients.
     """
+    # Optiland's optimisers bring SciPy, and Torch where it is installed.
+    from optiland.optimization.operand.operand import operand_registry
+
     for name in KINDS:
         operand_registry.register(name, _operand(name), overwrite=True)
     return _state.log
