@@ -11,13 +11,15 @@ import pytest
 from optiland.optic import Optic
 from optiland.optimization import DifferentialEvolution, LeastSquares, OptimizationProblem, OptimizerGeneric
 from optiland.optimization.operand.operand import operand_registry
-from optiland.samples.objectives import CookeTriplet
+from optiland.samples.objectives import CookeTriplet, DoubleGauss
+from optiland.samples.telescopes import HubbleTelescope
 from optiland.tolerancing.core import Tolerancing
 from optiland.tolerancing.perturbation import RangeSampler
 from optiland.tolerancing.sensitivity_analysis import SensitivityAnalysis
 
 import nsq_gpu
 from nsq_gpu.design import operand_estimate, operands
+from nsq_gpu.export import export
 from tests import live
 
 #: Light that goes straight through.
@@ -169,6 +171,15 @@ def test_one_trace_serves_all_operands_of_a_step(monkeypatch: pytest.MonkeyPatch
     assert len(made) == 1
 
 
+@pytest.mark.parametrize("make", [CookeTriplet, DoubleGauss, HubbleTelescope, singlet])
+def test_the_scene_of_an_operand_is_that_of_from_optic(make: Any) -> None:
+    lens = make()
+    with operands._one_path(lens):
+        ours = export(nsq_gpu.from_optic(lens)).document
+    assert ours == export(nsq_gpu.from_optic(make())).document
+    assert "build_paraxial_path" not in vars(lens.surfaces)
+
+
 def test_values_are_the_same_bits_when_a_lens_comes_back() -> None:
     lens, data = singlet(), {}
     data = spot(lens)
@@ -201,6 +212,8 @@ def test_what_makes_no_sense_is_refused_by_name(operand: str, data: dict[str, An
 
 
 def test_no_optic_and_no_operand_are_refused() -> None:
+    with pytest.raises(nsq_gpu.UsageError, match="no face of the optic refracts"):
+        operand_registry.get("nsq_ghost_flux")(optic=HubbleTelescope())
     with pytest.raises(nsq_gpu.UsageError, match="optic"):
         operand_registry.get("nsq_flux")(detector="image")
     with pytest.raises(nsq_gpu.UsageError, match="did you mean 'nsq_flux'"):
@@ -241,6 +254,25 @@ def test_tiny_steps_have_the_slope_of_long_ones() -> None:
         sides.append(value(**spot(lens)))
     assert slope == pytest.approx((sides[1] - sides[0]) / 0.1, rel=1e-3)
     assert any("tiny steps" in said for _, said in nsq_gpu.register_operands().notes)
+
+
+def test_tiny_steps_are_known_among_operands_and_after_other_lenses() -> None:
+    """Operands of two detectors take turns, and the optimiser looks at another lens before it takes its differences."""
+    lens, value = singlet(95.0), operand_registry.get("nsq_rms_radius")
+    both = [spot(lens), spot(lens, detector_size=(2.0, 2.0))]
+    here = [value(**data) for data in both]
+    lens.updater.set_thickness(95.5, 2)
+    assert [value(**data) for data in both] != here
+    slopes = []
+    for step in (1e-7, 2e-7):
+        lens.updater.set_thickness(95.0 + step, 2)
+        slopes.append([(value(**data) - first) / step for data, first in zip(both, here, strict=True)])
+    assert slopes[0] == pytest.approx(slopes[1], rel=1e-4)
+    sides = []
+    for step in (-0.05, 0.05):
+        lens.updater.set_thickness(95.0 + step, 2)
+        sides.append([value(**data) for data in both])
+    assert slopes[0] == pytest.approx((np.array(sides[1]) - sides[0]) / 0.1, rel=1e-3)
 
 
 def test_a_tiny_step_finds_ghosts_that_a_rim_cuts() -> None:

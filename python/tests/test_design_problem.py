@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,12 +12,13 @@ import pytest
 from optiland.materials import IdealMaterial
 from optiland.nonsequential import LensConfig, NSQMaterial, NSQScene
 from optiland.nonsequential.detectors.configs import FarFieldDetectorConfig, IrradianceDetectorConfig
+from optiland.nonsequential.ir.scene_ir import SamplingPolicy
 from optiland.nonsequential.sources.base import Spectrum
 from optiland.nonsequential.sources.configs import CollimatedSourceConfig
 
 import nsq_gpu
 from nsq_gpu.design import Design, EncircledEnergy, Flux, GhostFlux, GhostPeak, Log, MatchMap, Objective, Peak, RmsRadius, Step, Uniformity
-from nsq_gpu.design.minimizing import METHODS
+from nsq_gpu.design.minimizing import METHODS, is_noise
 from tests import live
 from tests.live import cs
 
@@ -243,6 +245,56 @@ def test_rays_grow_between_stages_alone() -> None:
     assert "restart with 8,000 rays" in repr(design.log) and "image.z" in repr(design)
 
 
+def pipe() -> dict[str, Any]:
+    """Return a lamp in a mirrored pipe that opens towards a screen."""
+    place = {"x": 0.0, "y": 0.0, "rx": 0.0, "ry": 0.0, "rz": 0.0, "reference_cs": None}
+    source = {"type": "extended", "name": "led", "cs": {**place, "z": 0.1}, "spectrum": {"wavelengths": [0.55], "weights": [1.0]}, "total_flux": 1.0,
+              "width": 1.0, "height": 1.0, "aperture_radius": 2.0, "half_angle_deg": 60.0, "medium": None}
+    screen = {"type": "irradiance", "name": "screen", "cs": {**place, "z": 60.0}, "width": 60.0, "height": 60.0, "num_pixels_x": 60,
+              "num_pixels_y": 60, "splat": "bilinear", "splat_sigma": 0.5, "absorb": True}
+    shape = {"type": "frustum", "r_front": 3.0, "r_back": 9.0, "z_front": 0.0, "z_back": 30.0}
+    surface = {"name": "pipe", "cs": {**place, "z": 0.0}, "shape": shape, "interaction": "reflective", "reflectance": 0.95}
+    return {"nsq_schema_version": 1, "components": [], "sources": [source], "detectors": [screen],
+            "nsq_gpu": {"version": 1, "surfaces": [surface]}}
+
+
+def test_the_taper_of_a_light_pipe_makes_its_spot_even(tmp_path: Path) -> None:
+    """The reference is a scan over the taper by other draws, and by the plain formula of map and mean."""
+    file = tmp_path / "pipe.json"
+    file.write_text(json.dumps(pipe()))
+    even = Uniformity(detector="screen", target=1.0, circle=(0.0, 0.0, 15.0))
+    one = nsq_gpu.Problem(file, {"pipe.r_back": (8.0, 14.0)}, [even], num_rays=20_000)
+    design = one.minimize(max_rays=320_000)
+    assert design.fresh is not None
+    found = design.fresh.operands["uniformity on screen"]
+    scan, other = {}, nsq_gpu.Problem(file, {"pipe.r_back": (8.0, 14.0)}, [even], num_rays=400_000, seed=9)
+    for radius in (9.0, 10.0, 11.0, 11.5, 12.0, 12.5, 13.0, 14.0):
+        map_ = other.maps([radius])["screen"]
+        inside = np.hypot(map_.x, map_.y[:, None]) < 15.0
+        scan[radius] = map_.mean[inside].mean()**2 / (map_.mean[inside]**2).mean()
+    best = max(scan, key=lambda radius: scan[radius])
+    assert scan[9.0] < 0.8 and 11.0 <= best <= 13.5
+    assert design.numbers["pipe.r_back"] == pytest.approx(best, abs=0.6)
+    # Noise of pixels makes the plain formula a little too small.
+    assert found.value > max(scan.values()) - 3 * found.standard_error
+
+
+def test_noise_decides_over_all_directions() -> None:
+    """Across a valley the gradient is noisy, and along it is not: each component is within its error, all together are not."""
+    rng = np.random.default_rng(1)
+    across, along = np.array([1.0, 1.0]) / np.sqrt(2), np.array([1.0, -1.0]) / np.sqrt(2)
+
+    def decides(signal: float) -> bool:
+        # Ten blocks, of which each is a tenth of the gradient.
+        blocks = rng.normal(size=(10, 1)) * across * 10.0 + rng.normal(size=(10, 1)) * along * 0.1 + signal * along
+        total = blocks.mean(axis=0)
+        return is_noise(total, (total - blocks) / 9.0)
+
+    # Of no gradient noise is told nearly always, of ten errors along the valley nearly never.
+    assert sum(decides(0.0) for _ in range(200)) > 185
+    assert sum(decides(0.3) for _ in range(200)) < 10
+
+
 def test_a_scene_that_cannot_be_traced_is_a_bad_design() -> None:
     # Where the screen stands within the lens the program refuses the scene, or no light comes.
     one = problem(variables={"L.thickness": (-3.0, 8.0)}, num_rays=2000)
@@ -370,3 +422,22 @@ def test_what_makes_no_sense_is_refused_by_name(make: Any, said: str) -> None:
 
 def test_every_method_is_named_once() -> None:
     assert len(set(METHODS)) == len(METHODS)
+
+
+def test_meshes_and_split_rays_have_differences_and_are_refused_to_walk_back() -> None:
+    """Two cells of the table of derivatives."""
+    mesh = live.ROOT / "scenes" / "mesh_lens.json"
+    split = singlet()
+    split.sampling_policy = SamplingPolicy(split_depth=2)
+    for scene, variables, detector in ((mesh, None, None), (split, {"image.z": (50.0, 56.0)}, "image")):
+        if variables is None:
+            entries = json.loads(mesh.read_text(encoding="utf-8"))
+            z = entries["sources"][0]["cs"]["z"]
+            variables = {f"{entries['sources'][0]['name']}.z": (z - 1.0, z + 1.0)}
+            detector = next(entry["name"] for entry in entries["detectors"] if entry["type"] == "irradiance")
+        options: dict[str, Any] = {"scene": scene, "variables": variables, "num_rays": 2000}
+        one = problem(Flux(detector=detector, target=0.0), **options)
+        assert one.gradient().found_by == ["differences"]
+        assert any("differences" in said for _, said in one.log.notes)
+        with pytest.raises(nsq_gpu.UsageError):
+            problem(Flux(detector=detector, target=0.0), gradient="reverse", **options).gradient()

@@ -11,7 +11,7 @@ use nsq_gpu::model::scatter_sampling::{ScatterSampling, Target, TargetShape};
 use nsq_gpu::model::shapes::aperture::{ApertureOutline, Axes};
 use nsq_gpu::model::shapes::freeform::Polynomial;
 use nsq_gpu::model::shapes::{Biconic, Freeform, SagSurface, Toroidal};
-use nsq_gpu::model::sources::rays::{RayGroup, RaySet};
+use nsq_gpu::model::sources::rays::{Bounds, Order, RayGroup, RaySet, RayStream, StreamedRay};
 use nsq_gpu::model::sources::{self, Aim};
 use nsq_gpu::model::{
     Aperture, AsphereProfile, Bsdf, BsdfTable, ClippedConic, Coating, CoatingRow, Collimated, Conic,
@@ -47,6 +47,7 @@ pub fn named(name: &str) -> Option<fn(&Bench) -> Outcome> {
         "aimed" => aimed,
         "lamp" => lamp,
         "rays of a file" => rays_of_a_file,
+        "uploaded rays" => uploaded_rays,
         "guided plate" => guided_plate,
         "guided ghost" => guided_ghost,
         "ties" => ties,
@@ -751,6 +752,79 @@ fn rays_of_a_file(bench: &Bench) -> Outcome {
         }
     }
     if found == num { Ok(()) } else { Err(format!("{} rays are none of the file", num - found)) }
+}
+
+/// A stream in which the id of a ray says all of the ray. Every second one has a wavelength of its own.
+#[derive(Debug)]
+struct ById;
+
+impl ById {
+    fn ray(id: u64) -> StreamedRay {
+        let [a, b, c] = [7, 3, 5].map(|period| (id % period) as f64);
+        let direction = if id.is_multiple_of(3) { [0.6, 0.0, 0.8] } else { [0.0, -0.28, 0.96] };
+        StreamedRay { wavelength: (id % 2 == 1).then_some(0.5), position: [a, -b, 0.25 * c], direction }
+    }
+}
+
+impl RayStream for ById {
+    fn rays(&self, _: u64, ids: &[u64], _: &dyn Fn(u64) -> u64) -> nsq_gpu::Result<Vec<StreamedRay>> {
+        Ok(ids.iter().map(|id| ById::ray(*id)).collect())
+    }
+
+    fn order(&self) -> Order {
+        Order::InOrder
+    }
+}
+
+/// Rays that the host uploads begin as it says, each by its id. A ray without a wavelength of its own, and the rays of the source
+/// before, draw theirs.
+fn uploaded_rays(bench: &Bench) -> Outcome {
+    const NUM_RAYS: u64 = 20_000;
+    let set = RaySet::streamed("0".into(), 1.0, Arc::new(ById), Bounds::default());
+    let held = RayGroup {
+        wavelength: None,
+        positions: vec![[0.0, 90.0, 0.0]; 2],
+        directions: vec![[0.0, 0.0, 1.0]; 2],
+        shares: vec![1.0; 2],
+    };
+    let of = |set| SourceKind::Rays(sources::Rays { set: Arc::new(set) });
+    let mut ir = scene(of(RaySet::held("1".into(), 1.0, vec![held])), vec![], vec![database("end", 8.0)]);
+    ir.wavelengths = vec![0.4, 0.5];
+    for medium in &mut ir.media {
+        (medium.n, medium.k) = (vec![medium.n[0]; 2], vec![medium.k[0]; 2]);
+    }
+    ir.sources[0].spectrum = Spectrum { wavelengths: vec![0, 1], cdf: vec![0.75, 1.0] };
+    ir.sources.push(Source { name: "second".into(), kind: of(set), ..ir.sources[0].clone() });
+    let mut setting = Setting::default();
+    setting.options.num_rays = NUM_RAYS;
+    setting.options.precision = Precision::F64;
+    let rows = bench.tally(&ir, &setting).detectors.swap_remove(0).rows;
+    let [mut found, mut drawn, mut red] = [0_u64; 3];
+    let [mut of_other, mut red_of_other] = [0_u64; 2];
+    for row in rows {
+        if row.position[1] > 50.0 {
+            of_other += 1;
+            red_of_other += u64::from(row.wavelength);
+            continue;
+        }
+        found += 1;
+        let ray = ById::ray(row.ray_id);
+        let path = (8.0 - ray.position[2]) / ray.direction[2];
+        let place = [0, 1].map(|axis| ray.position[axis] + path * ray.direction[axis]);
+        if (row.position[0] - place[0]).hypot(row.position[1] - place[1]) > 1e-9 {
+            return Err(format!("ray {} ends at {:?}, not at {place:?}", row.ray_id, row.position));
+        }
+        match ray.wavelength {
+            Some(_) if row.wavelength == 1 => {}
+            Some(_) => return Err(format!("ray {} has not the wavelength of its own", row.ray_id)),
+            None => (drawn, red) = (drawn + 1, red + u64::from(row.wavelength)),
+        }
+    }
+    if found + of_other != NUM_RAYS {
+        return Err(format!("{} rays are missing", NUM_RAYS - found - of_other));
+    }
+    near("a drawn wavelength", red as f64 / drawn as f64, 0.25, drawn, 1.0)?;
+    near("of the other source", red_of_other as f64 / of_other as f64, 0.25, of_other, 1.0)
 }
 
 fn pupil_of(beam_radii: [f64; 2], chief: [f64; 3], pupil_radii: [f64; 2], aimed: Vec<Aim>) -> Pupil {

@@ -189,10 +189,10 @@ def is_noise(gradient: np.ndarray, influences: np.ndarray) -> bool:
         covariance = 0.5 * covariance + 0.5 * np.diag(np.diag(covariance))
     scale = np.sqrt(np.diag(covariance))
     if not (scale > 0.0).all():
-        return not gradient[scale <= 0.0].any() and (scale <= 0.0).all()
-    statistic = float(gradient / scale @ np.linalg.solve(covariance / scale / scale[:, None], gradient / scale))
+        return not gradient.any()
+    statistic = float(gradient / scale @ np.linalg.lstsq(covariance / scale / scale[:, None], gradient / scale, rcond=None)[0])
     freedom = max((count - size) / (count - 1), 1.0 / (count - 1))
-    return statistic * freedom / size < _SIGMAS**2
+    return bool(statistic * freedom / size < _SIGMAS**2)
 
 
 def minimize(problem: Problem, method: str, *, x0: Any, max_rays: int | None, budget: float | None, steps: int, growth: int,

@@ -65,7 +65,7 @@ class Objective(ABC):
                 raise UsageError(f"{self.label}: {key} is {given!r}; give a number")
         self._check()
 
-    def _check(self) -> None:
+    def _check(self) -> None:  # noqa: B027
         """Refuse arguments of the kind that make no sense."""
 
     @property
@@ -433,14 +433,14 @@ def check_objectives(given: Any, detectors: Mapping[str, str]) -> list[Objective
     """Return objectives, each of a detector with a map; refuse others by name."""
     from nsq_gpu.arguments import near
 
-    given = [given] if isinstance(given, Objective) else list(given)
-    if not given:
+    listed: list[Any] = [given] if isinstance(given, Objective) else list(given) if isinstance(given, Sequence) else [given]
+    if not listed:
         raise UsageError('operands is empty; give one at least, such as nsq_gpu.design.Flux(detector="screen", target=1.0)')
-    for of in given:
+    for of in listed:
         if not isinstance(of, Objective):
             raise UsageError(f"operands has {of!r}; give operands of nsq_gpu.design, such as Flux(detector=\"screen\", target=1.0)")
         if of.detector not in detectors:
             raise UsageError(f"{of.label}: the scene has no detector {of.detector!r}; {near(of.detector, detectors)}")
         if detectors[of.detector] != "irradiance":
             raise UsageError(f"{of.label}: {of.detector} is a detector of the kind {detectors[of.detector]!r}; operands take irradiance detectors")
-    return given
+    return listed

@@ -7,7 +7,8 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -31,6 +32,8 @@ from nsq_gpu.session import shared_session
 
 #: Width of the kernel of a peak over the image's longer side, where nobody says it.
 _KERNEL = 1.0 / 50.0
+#: Scenes of an optic that are remembered, so that tiny steps from them are known.
+_MOST_BASES = 8
 #: Input data that all operands take, with what counts where one is missing.
 _COMMON: dict[str, Any] = {
     "optic": None, "detector": "image", "where": None, "fields": None, "num_rays": 40_000, "seed": 0, "blocks": 16, "guide": None,
@@ -67,8 +70,10 @@ class _Frozen:
     size: tuple[float, float] | None = None
     #: True if a trace of it has worked.
     has_worked: bool = False
-    #: The scene that it was last, but for tiny steps.
-    base: Json | None = None
+    #: Precision that the program took at first, where it was to choose.
+    precision: str | None = None
+    #: The scenes that it was last, but for tiny steps, by how they were made.
+    bases: dict[str, list[Json]] = field(default_factory=dict)
 
 
 @dataclass
@@ -172,13 +177,13 @@ class _Evaluation:
     def __init__(self, name: str, input_data: dict[str, Any]) -> None:
         self.name, self.kind = name, KINDS[name]
         known = {**_COMMON, **self.kind.own}
-        for key in input_data:
-            if key not in known:
-                raise UsageError(f"{name} takes no {key!r}; {near(key, known)}")
+        for word in input_data:
+            if word not in known:
+                raise UsageError(f"{name} takes no {word!r}; {near(word, known)}")
         self.given = {**known, **input_data}
         if not isinstance(self.given["optic"], Optic):
             raise wrong_kind(f"{name}: optic", self.given["optic"], "give Optiland's Optic as input_data={'optic': lens}")
-        self._depth = 16
+        self._depth, self._made = 16, ""
         program = find_binary(self.given["binary"])
         key = (program, self.given["adapter"])
         if key not in _state.tracers:
@@ -198,17 +203,30 @@ class _Evaluation:
 
     def _number(self, document: Json, fields: Sequence[str], objective: Objective) -> float:
         """Return the value of a scene. Tiny steps from the last scene are those of differences, and are made longer."""
-        frozen = _state.optics[self.given["optic"]]
-        step = None if frozen.base is None else step_between(frozen.base, document)
-        if frozen.base is None or step is None or not 0.0 < step < TINY:
-            found = self.of(objective, self._maps(document, fields, objective))
-            frozen.base = document
-            return found
-        share = LONG / step
-        sides = [self.of(objective, self._maps(along(frozen.base, document, side * share), fields, objective)) for side in (-1.0, 1.0)]
+        bases = _state.optics[self.given["optic"]].bases.setdefault(self._made, [])
+        steps = [(step, base) for base in bases if (step := step_between(base, document)) is not None and step < TINY]
+        step, base = min(steps, key=lambda found: found[0], default=(0.0, document))
+        if step == 0.0:
+            if not steps:
+                bases[:-_MOST_BASES] = []
+                bases.append(document)
+            return self.of(objective, self._maps(document, fields, objective))
         _state.log.note_once(f"{self.name}: the optimiser takes differences over tiny steps; each is one of two traces by common draws, "
                              f"{100.0 * LONG:g} % on either side")
-        return self.of(objective, self._maps(frozen.base, fields, objective)) + (sides[1] - sides[0]) / (2.0 * share)
+        here, share = self.of(objective, self._maps(base, fields, objective)), LONG / step
+        ends = [(place, value) for place in (-share, share) if (value := self._end(base, document, place, fields, objective)) is not None]
+        if not ends:
+            raise SceneError(f"{self.name}: the lens has no neighbours that can be traced")
+        (first, one), (last, other) = (ends[0], ends[1]) if len(ends) > 1 else ((0.0, here), ends[0])
+        return here + (other - one) / (last - first)
+
+    def _end(self, base: Json, document: Json, share: float, fields: Sequence[str], objective: Objective) -> float | None:
+        """Return the value at an end of a difference; None where it cannot be traced."""
+        try:
+            found = self.of(objective, self._maps(along(base, document, share), fields, objective))
+        except SceneError:
+            return None
+        return found if np.isfinite(found) else None
 
     def estimate(self) -> Estimate:
         """Return the value with its errors."""
@@ -238,12 +256,14 @@ class _Evaluation:
         given = self.given
         size = given["detector_size"] or frozen.size
         options = {key: given[key] for key in ("detector_pixels", "edges", "margin")}
+        self._made = str((given["detector_size"], options))
         # The scenes of one step are the same: what tells lenses apart is their content.
         wants_graph = be.get_backend() == "torch"
         key = None if wants_graph else (id(given["optic"]), _content(given["optic"]), size, str(options))
         if key is not None and key in _state.scenes:
             return _state.scenes[key]  # type: ignore[no-any-return]
-        scene = from_optic(given["optic"], detector_size=size, **options)
+        with _one_path(given["optic"]):
+            scene = from_optic(given["optic"], detector_size=size, **options)
         if frozen.size is None and given["detector_size"] is None:
             live = scene.detectors[0]
             frozen.size = (float(live.width), float(live.height))
@@ -289,11 +309,11 @@ class _Evaluation:
     def asked(self, document: Json, objective: Objective) -> Asked:
         """Return how a field is traced."""
         given = self.given
-        depth = given["max_depth"]
-        if depth is None:
-            depth = document["depth"]
+        frozen = _state.optics.setdefault(given["optic"], _Frozen())
+        depth = document["depth"] if given["max_depth"] is None else given["max_depth"]
+        precision = frozen.precision if given["precision"] == "auto" and frozen.precision is not None else given["precision"]
         asked = Asked(whole_number("num_rays", given["num_rays"]), whole_number("blocks", given["blocks"]),
-                      whole_number("seed", given["seed"]), whole_number("max_depth", depth), given["precision"], objective.where)
+                      whole_number("seed", given["seed"]), whole_number("max_depth", depth), precision, objective.where)
         if not objective.guide:
             return asked
         file, is_new = self._tracer.guide(without_depth(document), objective.where, max_depth=asked.max_depth, seed=asked.seed)
@@ -306,7 +326,10 @@ class _Evaluation:
         """Return the maps of a field."""
         asked = self.asked(document, objective)
         plain = without_depth(document)
-        return self._tracer.maps(to_json(plain, indent=None), asked, numbers, plain["detectors"])
+        found = self._tracer.maps(to_json(plain, indent=None), asked, numbers, plain["detectors"])
+        if asked.precision == "auto":
+            _state.optics[self.given["optic"]].precision = self._tracer.frozen.get("precision")
+        return found
 
     @property
     def tracer(self) -> Tracer:
@@ -349,9 +372,30 @@ def ghosts_of(scene: Any) -> str:
     labels = export(scene).surface_labels
     refracting = [label for label, live in zip(labels, scene.surfaces, strict=True) if isinstance(live, RefractiveComponent)]
     mirrors = [live for live in scene.surfaces if type(live).__name__.startswith("Reflect")]
+    if not refracting:
+        raise UsageError("no face of the optic refracts, and without one there are no ghosts; say by `where` which light is meant")
     if not mirrors:
         return GHOSTS
-    return f"{GHOSTS} and ({' or '.join(f'reflected({label})' for label in refracting)})"
+    by_faces = " or ".join(f'reflected("{label}")' for label in refracting)
+    return f"{GHOSTS} and ({by_faces})"
+
+
+@contextmanager
+def _one_path(optic: Any) -> Iterator[None]:
+    """Let Optiland unfold the optical axis once while a scene is made, in place of 200 times: half of the time goes there.
+
+    Nothing moves meanwhile. With Torch, whose tensors depend on how they are computed, nothing is kept.
+    """
+    group = getattr(optic, "surfaces", None)
+    if be.get_backend() == "torch" or not hasattr(group, "build_paraxial_path"):
+        yield
+        return
+    path = group.build_paraxial_path()
+    vars(group)["build_paraxial_path"] = lambda: path
+    try:
+        yield
+    finally:
+        del vars(group)["build_paraxial_path"]
 
 
 def _content(optic: Any) -> Any:

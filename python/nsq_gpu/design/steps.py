@@ -38,7 +38,7 @@ def scale_of(way: tuple[Any, ...], value: float) -> float:
     """Return by how much a number changes when it changes by all that it is."""
     if any(isinstance(key, str) and re.match(r"coeff|zernike|chebyshev", key) for key in way):
         power = sum(key for key in way[3:] if isinstance(key, int))
-        return max(abs(value), _REACH**-(2.0 * (power + 1)))
+        return max(abs(value), float(_REACH**-(2.0 * (power + 1))))
     return _PLACE if way[-1:] in (("x",), ("y",), ("z",)) else max(abs(value), _LEAST)
 
 

@@ -21,7 +21,7 @@ _STEP = 2e-3
 _checked: dict[str, bool] = {}
 
 
-class Number(torch.autograd.Function):
+class Number(torch.autograd.Function):  # type: ignore[misc, unused-ignore]
     """A number with a gradient that is computed when it is asked for."""
 
     @staticmethod

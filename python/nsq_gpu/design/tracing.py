@@ -24,8 +24,8 @@ from nsq_gpu.session import EXPORTED, Session
 
 Json = dict[str, Any]
 
-#: Traces that are kept.
-_MOST_KEPT = 64
+#: Traces that are kept, and the bytes of their maps.
+_MOST_KEPT, _MOST_BYTES = 128, 2**28
 #: Rays of the trace that writes a guide. The pilot before it has rays of its own.
 _GUIDE_RAYS = 1000
 #: Words of warnings that are no news of a block, which has few rays.
@@ -34,7 +34,7 @@ _OF_BLOCKS = ("noise", "the flux of detector", "no light", "no ray")
 
 def block_seeds(seed: int, count: int) -> list[int]:
     """Return the seeds of blocks of rays. Those of other seeds are others."""
-    return [int(found) for found in np.random.SeedSequence(seed).generate_state(count, np.uint64) >> np.uint64(12)]
+    return [int(found) for found in np.random.SeedSequence(seed % 2**64).generate_state(count, np.uint64) >> np.uint64(12)]
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class Tracer:
                 found[entry["name"]] = BlockMaps(flux, np.array(first["x_coords"]), np.array(first["y_coords"]), pixel,
                                                  entry.get("splat", "hard"), float(entry.get("splat_sigma", 0.0)))
         self._kept[key] = found
-        while len(self._kept) > _MOST_KEPT:
+        while len(self._kept) > 1 and (len(self._kept) > _MOST_KEPT or sum(map(_bytes, self._kept.values())) > _MOST_BYTES):
             self._kept.popitem(last=False)
         return found
 
@@ -145,6 +145,10 @@ class Tracer:
     def forget_guides(self) -> None:
         """Drop the guides; the next trace learns one anew."""
         self._guides.clear()
+
+
+def _bytes(maps: Maps) -> int:
+    return sum(of.flux.nbytes for of in maps.values())
 
 
 def _guided_shape(document: Json) -> Json:
