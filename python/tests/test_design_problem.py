@@ -263,18 +263,19 @@ def test_the_taper_of_a_light_pipe_makes_its_spot_even(tmp_path: Path) -> None:
     file = tmp_path / "pipe.json"
     file.write_text(json.dumps(pipe()))
     even = Uniformity(detector="screen", target=1.0, circle=(0.0, 0.0, 15.0))
-    one = nsq_gpu.Problem(file, {"pipe.r_back": (8.0, 14.0)}, [even], num_rays=20_000)
-    design = one.minimize(max_rays=320_000)
+    one = nsq_gpu.Problem(file, {"pipe.r_back": (8.0, 12.7)}, [even], num_rays=20_000)
+    # Another maximum lies at 14 mm, beyond the bounds.
+    design = one.minimize("Nelder-Mead", max_rays=80_000, tolerance=1e-3)
     assert design.fresh is not None
     found = design.fresh.operands["uniformity on screen"]
-    scan, other = {}, nsq_gpu.Problem(file, {"pipe.r_back": (8.0, 14.0)}, [even], num_rays=400_000, seed=9)
-    for radius in (9.0, 10.0, 11.0, 11.5, 12.0, 12.5, 13.0, 14.0):
+    scan, other = {}, nsq_gpu.Problem(file, {"pipe.r_back": (8.0, 12.7)}, [even], num_rays=400_000, seed=9)
+    for radius in (9.0, 10.0, 11.0, 11.25, 11.5, 11.75, 12.0, 12.25, 12.5):
         map_ = other.maps([radius])["screen"]
         inside = np.hypot(map_.x, map_.y[:, None]) < 15.0
         scan[radius] = map_.mean[inside].mean()**2 / (map_.mean[inside]**2).mean()
     best = max(scan, key=lambda radius: scan[radius])
-    assert scan[9.0] < 0.8 and 11.0 <= best <= 13.5
-    assert design.numbers["pipe.r_back"] == pytest.approx(best, abs=0.6)
+    assert scan[9.0] < 0.8 and 11.5 <= best <= 12.25
+    assert design.numbers["pipe.r_back"] == pytest.approx(best, abs=0.3)
     # Noise of pixels makes the plain formula a little too small.
     assert found.value > max(scan.values()) - 3 * found.standard_error
 

@@ -7,7 +7,7 @@ of different blocks is independent, and adds nothing to such a product on averag
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import comb
 from typing import Any
 
@@ -15,6 +15,8 @@ import numpy as np
 
 #: Fewest blocks whose spread says something of a standard error.
 FEWEST_BLOCKS = 4
+#: Widths of a Gaussian after which it is cut.
+_WIDTHS = 5.0
 
 
 @dataclass(frozen=True)
@@ -32,8 +34,8 @@ class BlockMaps:
     splat: str = "bilinear"
     #: Width of a Gaussian splat [pixels].
     splat_sigma: float = 0.0
-    #: Pixels that the wires of one map need; filled once.
-    _kernels: Any = None
+    #: The same flux after Gaussians, by their widths [mm]; filled when it is asked for.
+    _blurred: dict[float, np.ndarray] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def num_blocks(self) -> int:
@@ -62,11 +64,44 @@ class BlockMaps:
 
     def without(self, block: int) -> BlockMaps:
         """Return all blocks but one."""
-        return replace(self, flux=np.delete(self.flux, block, axis=0))
+        blurred = {width: np.delete(flux, block, axis=0) for width, flux in self._blurred.items()}
+        return replace(self, flux=np.delete(self.flux, block, axis=0), _blurred=blurred)
+
+    def blurred(self, kernel: float | None) -> np.ndarray:
+        """Return the flux after a Gaussian of the width ``kernel`` [mm]."""
+        if not kernel:
+            return self.flux
+        if kernel not in self._blurred:
+            self._blurred[kernel] = self.spread_by(self.flux, kernel)
+        return self._blurred[kernel]
+
+    def spread_by(self, pixels: np.ndarray, kernel: float | None) -> np.ndarray:
+        """Return pixels after a Gaussian; what it spreads beyond the detector is lost. It is its own transpose."""
+        if not kernel:
+            return pixels
+        for axis, step in ((-1, self.pixel[0]), (-2, self.pixel[1])):
+            pixels = _along(pixels, axis, kernel / step)
+        return pixels
 
     def added(self, other: BlockMaps) -> BlockMaps:
         """Return the light of two traces together."""
-        return replace(self, flux=self.flux + other.flux)
+        return replace(self, flux=self.flux + other.flux, _blurred={})
+
+
+def _along(pixels: np.ndarray, axis: int, width: float) -> np.ndarray:
+    """Return pixels after a Gaussian along an axis, of a width in pixels.
+
+    Sums of shifted arrays take one thread. Products of small matrices wait for threads where other programs run.
+    """
+    count = pixels.shape[axis]
+    weights = np.exp(-0.5 * (np.arange(int(_WIDTHS * width) + 2) / width)**2)
+    weights /= weights[0] + 2.0 * weights[1:].sum()
+    moved = np.moveaxis(pixels, axis, 0)
+    found = weights[0] * moved
+    for shift, weight in enumerate(weights[1:count], 1):
+        found[shift:] += weight * moved[:-shift]
+        found[:-shift] += weight * moved[shift:]
+    return np.moveaxis(found, 0, axis)
 
 
 Maps = dict[str, BlockMaps]

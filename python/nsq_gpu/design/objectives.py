@@ -19,8 +19,6 @@ from nsq_gpu.errors import ResultWarning, UsageError, warn
 GHOSTS = "reflections >= 2 and scatterings == 0"
 #: Lines of a grid within a pixel, by which the share of a pixel within a circle is found.
 _LINES = 16
-#: Widths of a Gaussian after which it is cut.
-_WIDTHS = 5.0
 
 Adjoints = dict[str, np.ndarray]
 
@@ -114,23 +112,6 @@ def _shares(maps: BlockMaps, region: Sequence[float] | None, circle: Sequence[fl
     return np.ones((len(maps.y), len(maps.x)))
 
 
-def _gaussian(middles: np.ndarray, width: float) -> np.ndarray:
-    """Return the matrix that spreads each pixel's light by a Gaussian along one axis; light is kept but at the rim."""
-    step = abs(middles[1] - middles[0]) if len(middles) > 1 else 1.0
-    reach = np.arange(-int(_WIDTHS * width / step) - 1, int(_WIDTHS * width / step) + 2)
-    total = np.exp(-0.5 * (reach * step / width)**2).sum()
-    apart = middles[:, None] - middles
-    return np.asarray(np.exp(-0.5 * (apart / width)**2) * (np.abs(apart) <= _WIDTHS * width) / total)
-
-
-def blurred(flux: np.ndarray, maps: BlockMaps, kernel: float | None, *, back: bool = False) -> np.ndarray:
-    """Return maps after a Gaussian of the width ``kernel`` [mm]; ``back`` walks adjoints back through it."""
-    if not kernel:
-        return flux
-    across, along = _gaussian(maps.y, kernel), _gaussian(maps.x, kernel)
-    return np.asarray(across.T @ flux @ along if back else across @ flux @ along.T)
-
-
 def _is_pixels(maps: BlockMaps, kernel: float | None, label: str) -> None:
     """Refuse a kernel that pixels do not resolve."""
     if kernel and kernel < 0.5 * max(maps.pixel):
@@ -206,7 +187,7 @@ class Uniformity(_InRegion):
         of = maps[self.detector]
         _is_pixels(of, self.kernel, self.label)
         shares = self.shares(of)
-        x = blurred(of.flux, of, self.kernel)
+        x = of.blurred(self.kernel)
         sums = (x * shares).sum(axis=(1, 2))
         area = float(shares.sum())
         square, mean_square = float(pairs(sums, sums)), float((pairs(x, x) * shares).sum())
@@ -216,7 +197,7 @@ class Uniformity(_InRegion):
         # Each product counts twice: by its first factor, and by its second.
         adjoint = 2.0 * (by_pairs(sums)[:, None, None] * shares / (area * mean_square)
                          - value / mean_square * by_pairs(x) * shares)
-        return value, {self.detector: blurred(adjoint, of, self.kernel, back=True)}
+        return value, {self.detector: of.spread_by(adjoint, self.kernel)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -366,7 +347,7 @@ class Peak(_InRegion):
         of = maps[self.detector]
         _is_pixels(of, self.kernel, self.label)
         shares = self.shares(of)
-        x = blurred(of.flux, of, self.kernel) / of.area
+        x = of.blurred(self.kernel) / of.area
         scale = float(x.mean(axis=0).max())
         if scale <= 0.0:
             return 0.0, {self.detector: np.zeros_like(of.flux)}
@@ -380,7 +361,7 @@ class Peak(_InRegion):
         if not is_walked_back:
             return value * scale, {}
         adjoint = (by_powers(x, self.order) - value * by_powers(x, self.order - 1)) * shares / bottom
-        return value * scale, {self.detector: blurred(adjoint, of, self.kernel, back=True) / of.area}
+        return value * scale, {self.detector: of.spread_by(adjoint, self.kernel) / of.area}
 
 
 @dataclass(frozen=True, kw_only=True)
