@@ -386,7 +386,7 @@ def _one_path(optic: Any) -> Iterator[None]:
 
     Nothing moves meanwhile. With Torch, whose tensors depend on how they are computed, nothing is kept.
     """
-    group = getattr(optic, "surfaces", None)
+    group: Any = getattr(optic, "surfaces", None)
     if be.get_backend() == "torch" or not hasattr(group, "build_paraxial_path"):
         yield
         return

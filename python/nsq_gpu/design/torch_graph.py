@@ -46,7 +46,8 @@ def operand_on_graph(evaluation: Any, exported: Any, fields: Sequence[str], obje
     value = evaluation.of(objective, maps)
     wanted = _of_variables(exported.wanted) if torch.is_grad_enabled() else {}
     if not wanted:
-        return be.array(value).detach()
+        constant: Any = be.array(value)
+        return constant.detach()  # type: ignore[no-any-return]
     if objective.has_adjoints:
         def walked() -> list[float]:
             found = _walked_back(evaluation, documents, maps, objective, value, list(wanted))

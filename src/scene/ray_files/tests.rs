@@ -459,7 +459,11 @@ fn archives_that_are_no_ray_database_are_refused() {
     let bytes = npz(&npz_columns());
     let mut missing = npz_columns();
     missing.remove(6);
+    let mut flipped = bytes.clone();
+    let first_number = bytes.windows(6).position(|six| six == b"\x93NUMPY").unwrap() + 82;
+    flipped[first_number] ^= 1;
     for (message, expected) in [
+        (message(&flipped, "det.npz"), "x: the column's bytes do not have the archive's check sum"),
         (
             with(6, "{'descr': '<f8', 'fortran_order': False, 'shape': (3,), }", 24),
             "has 3 numbers, and `x` has 2",
