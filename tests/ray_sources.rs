@@ -234,19 +234,66 @@ fn paths_of_streamed_rays_are_found_again() {
     assert!(!text.contains("not found"), "{text}");
 }
 
+/// Rays that are split come more than once into the list of rays that are traced again, as ids 0, 0, 2 here.
+#[test]
+fn paths_of_split_streamed_rays_are_found_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let ray = |position: [f64; 3], direction: [f64; 3]| Ray {
+        position,
+        direction,
+        flux: 0.5,
+        wavelength: Some(0.6),
+    };
+    let ahead = [0.0, 0.0, 1.0];
+    let rays = [ray([0.0; 3], ahead), ray([0.0; 3], [0.0, 0.0, -1.0]), ray([50.0, 0.0, 0.0], ahead)];
+    write(&folder.path().join("three.tm25ray"), &rays, Wavelengths::PerRay);
+    let mut split = scene(
+        &json!({"file": "three.tm25ray", "order": "in_order"}),
+        &json!([{"type": "irradiance", "name": "behind", "cs": {"z": 60.0}, "width": 40.0, "height": 40.0},
+            {"type": "irradiance", "name": "beside", "cs": {"x": 50.0, "z": 60.0}, "width": 20.0, "height": 20.0}]),
+    );
+    split["components"] = json!([{"type": "lens", "name": "L", "cs": {"z": 20.0}, "config": {"r1": 40.0, "r2": -60.0,
+        "thickness": 8.0, "front_aperture_radius": 15.0, "material": "N-BK7"}}]);
+    let path = folder.path().join("scene.json");
+    std::fs::write(&path, split.to_string()).unwrap();
+    let out = run(&["trace", &path.display().to_string(), "-n", "3", "--split-depth", "6", "--paths", "on"]);
+    assert!(out.status.success(), "{}", stderr(&out));
+}
+
+/// A file is read once for many scenes, and again when it has changed.
+#[test]
+fn a_file_is_read_again_once_it_has_changed() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("dome.tm25ray");
+    let screen =
+        json!([{"type": "irradiance", "name": "screen", "cs": {"z": 60.0}, "width": 80.0, "height": 80.0}]);
+    let lamp = scene(&json!({"file": "dome.tm25ray"}), &screen);
+    let mut fluxes = Vec::new();
+    for num_rays in [500, 500, 700] {
+        let rays = dome(num_rays);
+        if num_rays == 700 || fluxes.is_empty() {
+            write(&file, &rays, Wavelengths::PerRay);
+        }
+        let found = lowered(folder.path(), &lamp).emitted_flux();
+        assert!((found / rays.iter().map(|ray| ray.flux).sum::<f64>() - 1.0).abs() < 1e-9);
+        fluxes.push(found);
+    }
+    assert!(fluxes[0] == fluxes[1] && fluxes[1] != fluxes[2], "{fluxes:?}");
+}
+
 /// A file that changes under a trace is not taken for the one that the scene was read with.
 #[test]
 fn a_file_that_changes_is_noticed() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("dome.tm25ray");
-    let rays = dome(MOST_RAYS as u32 + 1);
+    let rays: Vec<Ray> = dome(5000).into_iter().map(|ray| Ray { flux: 0.5, ..ray }).collect();
     write(&file, &rays, Wavelengths::PerRay);
     let screen =
         json!([{"type": "irradiance", "name": "screen", "cs": {"z": 60.0}, "width": 80.0, "height": 80.0}]);
-    let ir = lowered(folder.path(), &scene(&json!({"file": "dome.tm25ray"}), &screen));
+    let ir = lowered(folder.path(), &scene(&json!({"file": "dome.tm25ray", "order": "in_order"}), &screen));
     write(
         &file,
-        &rays.iter().map(|ray| Ray { flux: 0.5 * ray.flux, ..*ray }).collect::<Vec<_>>(),
+        &rays.iter().map(|ray| Ray { position: ray.direction, ..*ray }).collect::<Vec<_>>(),
         Wavelengths::PerRay,
     );
     let mut tracer = zoo::options(1000, 3, Precision::F32).tracer(zoo::gpu(), &ir).unwrap();

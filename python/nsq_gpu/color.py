@@ -223,7 +223,8 @@ class Color:
     def srgb(self, white: float | None = None) -> np.ndarray:
         """Return the map as a picture in sRGB: numbers from 0 to 1, shape (ny, nx, 3); of a far field (n_theta, n_phi, 3).
 
-        Colours outside sRGB, such as those of single wavelengths, become the nearest that it has, channel by channel.
+        Hues outside sRGB, such as light of a single wavelength, are shown without what is negative. Light that is too bright for
+        its hue becomes the brightest of this hue.
 
         Args:
             white: Y that is shown as white [lx], of a far field [cd]. None takes the largest of the map.
@@ -469,5 +470,7 @@ def _srgb(xyz: np.ndarray, white: float | None) -> np.ndarray:
     level = float(xyz[1].max(initial=0.0)) or 1.0 if white is None else white
     if not isinstance(level, int | float | np.number) or not level > 0.0:
         raise UsageError(f"white is {white!r}; give the Y that is white, a positive number")
-    linear = np.clip(np.einsum("ki,i...->...k", _SRGB, xyz / level), 0.0, 1.0)
+    linear = np.maximum(np.einsum("ki,i...->...k", _SRGB, xyz / level), 0.0)
+    # Light that is too bright for its hue becomes the brightest of this hue.
+    linear = linear / np.maximum(linear.max(axis=-1, keepdims=True, initial=0.0), 1.0)
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1.0 / 2.4) - 0.055)

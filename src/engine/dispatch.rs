@@ -139,6 +139,16 @@ pub(super) fn submit_alone(
 
 /// Writes to a device which rays its next dispatch traces.
 pub(super) fn write_range(device: &DeviceState, program: &Program, range: &RayRange) -> Result<()> {
+    write_uniforms(device, program, range)?;
+    if program.streams_rays(range.source) && !program.additions.any(|addition| addition.lists_rays()) {
+        let ids: Vec<u64> = (range.first..range.first + u64::from(range.count)).collect();
+        write_streamed(device, program, range.source, &ids)?;
+    }
+    Ok(())
+}
+
+/// The same without the rays of files, for a dispatch of no workgroups.
+pub(super) fn write_uniforms(device: &DeviceState, program: &Program, range: &RayRange) -> Result<()> {
     let queue = &device.gpu.queue;
     if let Some(source) = program.source_uniforms.get(range.source) {
         queue.write_buffer(&device.source, 0, source);
@@ -147,10 +157,6 @@ pub(super) fn write_range(device: &DeviceState, program: &Program, range: &RayRa
         queue.write_buffer(buffer, 0, &of_sources[range.source]);
     }
     queue.write_buffer(&device.range, 0, &program.range_bytes(range)?);
-    if program.streams_rays(range.source) && !program.additions.any(|addition| addition.lists_rays()) {
-        let ids: Vec<u64> = (range.first..range.first + u64::from(range.count)).collect();
-        write_streamed(device, program, range.source, &ids)?;
-    }
     Ok(())
 }
 

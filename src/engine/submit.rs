@@ -1,7 +1,9 @@
 //! How the engine submits a range to its device.
 
 use crate::engine::Engine;
-use crate::engine::dispatch::{Route, next_rounds, rounds, rounds_left, stages, submit, write_range};
+use crate::engine::dispatch::{
+    Route, next_rounds, rounds, rounds_left, stages, submit, write_range, write_uniforms,
+};
 use crate::engine::limits::grid;
 use crate::error::Result;
 use crate::program::RayRange;
@@ -81,7 +83,7 @@ impl Engine<'_> {
         if device.stages.first(&self.plan.program, route.added)?.has_begun() {
             return Ok(());
         }
-        write_range(device, &self.plan.program, &RayRange { first: 0, ..*range })?;
+        write_uniforms(device, &self.plan.program, &RayRange { first: 0, ..*range })?;
         let stages = stages(device, &self.plan, route, [0, 0, 1])?;
         submit(self.gpu, &stages, stages.len(), None);
         Ok(())

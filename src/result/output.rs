@@ -436,19 +436,19 @@ fn write_files<'a>(
             files.pictures.insert(detector.name.clone(), picture.clone());
             names.push(picture);
             match detector.data.result().map() {
-                Some(_) => pictures.push((detector, path, style)),
+                Some(_) => pictures.push((detector, path, style, false)),
                 // One at a time: it holds as many points as a picture shows.
                 None => png::write_detector(&path, detector, style)?,
             }
         }
     }
-    draw(&pictures)?;
     for (detector, stem) in result.detectors.iter().filter(sees_color).zip(of_colors) {
         let picture = format!("{stem}.png");
-        png::write_true_colors(&folder.join(&picture), detector, extras.pictures.unwrap_or_default())?;
+        pictures.push((detector, folder.join(&picture), extras.pictures.unwrap_or_default(), true));
         files.color_pictures.insert(detector.name.clone(), picture.clone());
         names.push(picture);
     }
+    draw(&pictures)?;
     if let Some(paths) = &result.ray_paths {
         npz_files::write_ray_paths(&folder.join(RAY_PATHS), result, paths)?;
         files.ray_paths = Some(RAY_PATHS.into());
@@ -479,9 +479,12 @@ fn write_files<'a>(
     Ok((names, report))
 }
 
-/// Draws pictures of detectors, side by side.
-fn draw(pictures: &[(&Detector, PathBuf, Style)]) -> Result<()> {
-    pictures.par_iter().try_for_each(|(detector, path, style)| png::write_detector(path, detector, *style))
+/// Draws pictures of detectors, side by side; some in true colours.
+fn draw(pictures: &[(&Detector, PathBuf, Style, bool)]) -> Result<()> {
+    pictures.par_iter().try_for_each(|(detector, path, style, in_true_colors)| match in_true_colors {
+        true => png::write_true_colors(path, detector, *style),
+        false => png::write_detector(path, detector, *style),
+    })
 }
 
 pub(crate) fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {

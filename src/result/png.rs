@@ -29,11 +29,10 @@ pub fn write_detector(path: &Path, detector: &Detector, style: Style) -> Result<
 /// # Errors
 /// [`Error::File`] if the file cannot be written.
 pub fn write_true_colors(path: &Path, detector: &Detector, style: Style) -> Result<()> {
-    let color = detector.luminous.as_ref().and_then(|seen| seen.color.as_ref());
-    match color.and_then(TrueColors::of) {
-        Some(colors) => write(path, detector, style, Some(&colors)),
-        None => Ok(()),
-    }
+    let Some(color) = detector.luminous.as_ref().and_then(|seen| seen.color.as_ref()) else { return Ok(()) };
+    let colors =
+        TrueColors::of(color).ok_or_else(|| Error::Internal("a map of colours has no rows".into()))?;
+    write(path, detector, style, Some(&colors))
 }
 
 fn write(path: &Path, detector: &Detector, style: Style, colors: Option<&TrueColors>) -> Result<()> {

@@ -202,24 +202,29 @@ impl Recipe {
         Ok(Picture::Map { field: Box::new(field), pyramid, scale, colors, other, scores: None })
     }
 
+    /// True if true colours are asked for, and all results that are shown have them.
+    fn shows_true_colors(&self) -> bool {
+        let sees = |result: &TraceResult| result.detector(&self.key.detector).and_then(color_of).is_some();
+        let all_see = sees(&self.a) && self.b.as_deref().is_none_or(sees);
+        self.key.settings.color_map == ColorMap::TrueColor && all_see
+    }
+
     /// The colours of a detector's light, if they are asked for and known: of the cells of its field.
     fn true_colors(&self, detector: &Detector, field: &Field) -> Option<TrueColors> {
-        let color = color_of(detector).filter(|_| self.key.settings.color_map == ColorMap::TrueColor)?;
-        let colors = TrueColors::of(color)?.changed(|map| match &detector.data {
-            DetectorData::FarField(_) => polar::in_equal_solid_angles(map, &field.measure),
-            DetectorData::Irradiance(_) | DetectorData::Spectral(_) | DetectorData::RayDatabase(_) => {
-                map.clone()
-            }
-        });
+        let color = color_of(detector).filter(|_| self.shows_true_colors())?;
+        let mut colors = TrueColors::of(color)?;
+        if matches!(detector.data, DetectorData::FarField(_)) {
+            colors = colors.changed(|map| polar::in_equal_solid_angles(map, &field.measure));
+        }
         // A disc is drawn cell by cell.
         Some(if field.geometry == CellGeometry::Polar { colors } else { colors.with_pyramids() })
     }
 
     /// The values of a detector, by the settings.
     fn field(&self, detector: &Detector) -> std::result::Result<Field, String> {
-        let Settings { photometric, polar, color_map, .. } = self.key.settings;
-        // True colours are as bright as the eye sees them.
-        let photometric = photometric || color_map == ColorMap::TrueColor && color_of(detector).is_some();
+        let Settings { photometric, polar, .. } = self.key.settings;
+        // A detector that sees colour is as bright as the eye sees its light.
+        let photometric = photometric || self.shows_true_colors();
         if let DetectorData::Spectral(map) = &detector.data {
             return self.spectral_field(map);
         }

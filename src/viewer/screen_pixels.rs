@@ -35,7 +35,7 @@ pub fn map(
             let y = runs(blocks(field.y_range, view.y, cells.0), rows, size[1]);
             let x = runs(blocks(field.x_range, view.x, cells.1), columns, size[0]);
             match colors {
-                Some(colors) => colors.pixels(block, (&y, &x), |_| *scale, palette.missing).0,
+                Some(colors) => colors.pixels(block, (&y, &x), |_| (*scale, *palette)).0,
                 None => Means::new(&level, &y, &x).paint(color),
             }
         }
@@ -43,7 +43,7 @@ pub fn map(
             let limit = field.x_range.1;
             let radii = |(low, high): (f64, f64)| (low / limit, high / limit);
             let colors = match colors {
-                Some(colors) => colors.of_cells(scale, palette.missing),
+                Some(colors) => colors.of_cells(scale, palette),
                 None => field.values.mapv(color),
             };
             let disc = Disc { colors: &colors, limit, reach: limit, outside: palette.missing };
@@ -147,7 +147,7 @@ mod tests {
 
     fn palette(field: &Field) -> (Scale, Palette) {
         let scale = Scale::fit(ScaleKind::Linear, 99.0, [&field.values]);
-        (scale, Palette::of_window(ColorMap::Grey, false, [MISSING.r(), MISSING.g(), MISSING.b()]))
+        (scale, Palette::of_window(ColorMap::Grey, &scale, [MISSING.r(), MISSING.g(), MISSING.b()]))
     }
 
     fn picture(field: &Field, view: View, size: [usize; 2]) -> Vec<Color32> {

@@ -98,7 +98,7 @@ impl Places {
     pub fn numbers(&self) -> Result<&[f64]> {
         match self.num_of_reals {
             num if num > MAX_PLACE => Err(Error::Usage(format!(
-                "apertures and coefficients of the scene's surfaces take {num} numbers; give surfaces the same ones, or at most {MAX_PLACE}"
+                "the apertures and coefficients of surfaces and the tables of sources take {num} numbers, and at most {MAX_PLACE} have places; give surfaces the same ones, or sources smaller ray files"
             ))),
             _ => Ok(&self.numbers),
         }

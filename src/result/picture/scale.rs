@@ -122,16 +122,17 @@ impl Palette {
         Palette { colors, reserved, zero: ColorMap::Inferno.color(0.0), missing: [255; 3] }
     }
 
-    /// True colours, in which no light is black.
-    pub fn of_true_colors(missing: Rgb) -> Self {
-        Palette { colors: ColorMap::TrueColor, reserved: 0.0, zero: [0; 3], missing }
+    /// True colours: black where there is no light. On a logarithmic scale, faint light is brighter than black.
+    pub fn of_true_colors(scale: &Scale, missing: Rgb) -> Self {
+        let reserved = if scale.is_log() { RESERVED } else { 0.0 };
+        Palette { colors: ColorMap::TrueColor, reserved, zero: [0; 3], missing }
     }
 
     /// The colours of the window, with `missing` where there is no value.
-    pub fn of_window(map: ColorMap, diverging: bool, missing: Rgb) -> Self {
-        let (colors, reserved) = match (diverging, map) {
+    pub fn of_window(map: ColorMap, scale: &Scale, missing: Rgb) -> Self {
+        let (colors, reserved) = match (scale.diverging, map) {
             (true, _) => (ColorMap::RedBlue, 0.0),
-            (false, ColorMap::TrueColor) => return Palette::of_true_colors(missing),
+            (false, ColorMap::TrueColor) => return Palette::of_true_colors(scale, missing),
             (false, map) => (map, RESERVED),
         };
         Palette { colors, reserved, zero: [12, 13, 17], missing }
@@ -142,7 +143,7 @@ impl Palette {
         self.colors.color(self.position(part))
     }
 
-    fn position(&self, part: f64) -> f64 {
+    pub(crate) fn position(&self, part: f64) -> f64 {
         self.reserved + (1.0 - self.reserved) * part
     }
 
@@ -277,7 +278,7 @@ mod tests {
             assert!(matches!(scale.shade(1e-30), Shade::Part(_)), "{kind:?}");
         }
         let scale = Scale::fit(ScaleKind::Log, 99.0, [&values]);
-        let palettes = ColorMap::ALL.map(|(map, _)| Palette::of_window(map, false, [255; 3]));
+        let palettes = ColorMap::ALL.map(|(map, _)| Palette::of_window(map, &scale, [255; 3]));
         for palette in palettes.into_iter().chain([Palette::of_files(&scale)]) {
             let mut colors = (0..=255).map(|level| palette.at(f64::from(level) / 255.0));
             assert!(colors.all(|color| color != palette.zero), "{palette:?}");

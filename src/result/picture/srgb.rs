@@ -9,10 +9,14 @@ const LINEAR: [[f64; 3]; 3] = [
     [0.055_643_4, -0.204_025_9, 1.057_225_2],
 ];
 
-/// sRGB of X, Y and Z, where white has Y = 1.
+/// sRGB of X, Y and Z, where white has Y = 1. A hue beyond sRGB loses its negative channels. Light that is too bright for its
+/// hue becomes the brightest of this hue.
 pub(crate) fn srgb(xyz: [f64; 3]) -> Rgb {
-    LINEAR.map(|row| {
-        let linear = row.iter().zip(xyz).map(|(factor, value)| factor * value).sum::<f64>().clamp(0.0, 1.0);
+    let linear =
+        LINEAR.map(|row| row.iter().zip(xyz).map(|(factor, value)| factor * value).sum::<f64>().max(0.0));
+    let brightest = linear.into_iter().fold(1.0, f64::max);
+    linear.map(|channel| {
+        let linear = channel / brightest;
         let encoded =
             if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 };
         (255.0 * encoded).round() as u8
@@ -39,5 +43,15 @@ mod tests {
         assert_eq!(srgb([0.180_438, 0.072_175, 0.950_304]), [0, 0, 255]);
         // Beyond sRGB: a spectral green has no red.
         assert_eq!(srgb([0.06, 0.71, 0.16])[0], 0);
+    }
+
+    /// Blue of 450 nm is blue at any brightness: X, Y and Z by the CIE 1931 observer.
+    #[test]
+    fn hue_does_not_depend_on_brightness() {
+        let bright = srgb([0.3362, 0.0380, 1.7721].map(|value| value / 0.038));
+        for part in [0.9, 0.5, 0.1] {
+            assert_eq!(srgb([0.3362, 0.0380, 1.7721].map(|value| value / 0.038 * part)), bright);
+        }
+        assert!(bright[2] == 255 && bright[0] < 100 && bright[1] == 0, "{bright:?}");
     }
 }

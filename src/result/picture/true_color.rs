@@ -1,13 +1,13 @@
 //! True colours: what a map looks like to the eye, on a screen in sRGB.
 //!
-//! The values of a map set how bright its cells are, and X, Y and Z set their hue. Colours outside sRGB, such as light
-//! of a single wavelength, become the nearest colour that sRGB has, channel by channel.
+//! The values of a map set how bright its cells are, and X, Y and Z set their hue. Light of a single wavelength has hues
+//! that no screen has, and is shown without what is negative in sRGB.
 
 use crate::result::color::Color;
 use crate::result::picture::Rgb;
 use crate::result::picture::pyramid::Pyramid;
 use crate::result::picture::raster::{Means, Raster, Runs};
-use crate::result::picture::scale::{Scale, Shade};
+use crate::result::picture::scale::{Palette, Scale, Shade};
 use crate::result::picture::srgb::srgb;
 use ndarray::{Array2, Ix2};
 
@@ -38,10 +38,10 @@ impl TrueColors {
         TrueColors { pyramids: self.xyz.each_ref().map(Pyramid::of), ..self }
     }
 
-    /// The colour of each cell. `missing` is the colour of cells without a value.
-    pub fn of_cells(&self, scale: &Scale, missing: Rgb) -> Array2<Rgb> {
+    /// The colour of each cell, as bright as the palette has it.
+    pub fn of_cells(&self, scale: &Scale, palette: &Palette) -> Array2<Rgb> {
         let [x, y, z] = &self.xyz;
-        Array2::from_shape_fn(y.dim(), |cell| color([x[cell], y[cell], z[cell]], scale, missing))
+        Array2::from_shape_fn(y.dim(), |cell| color([x[cell], y[cell], z[cell]], scale, palette))
     }
 
     /// The pixels of a map: each in the colour of the mean of its cells. `block` is the side of a block of cells that may be
@@ -50,24 +50,26 @@ impl TrueColors {
         &self,
         block: f64,
         (rows, columns): (&Runs, &Runs),
-        scale: impl Fn(&Array2<f64>) -> Scale,
-        missing: Rgb,
+        fit: impl Fn(&Array2<f64>) -> (Scale, Palette),
     ) -> (Raster, Scale) {
         let means = |i: usize| Means::new(&self.pyramids[i].level(&self.xyz[i], block), rows, columns);
         let [x, y, z] = [0, 1, 2].map(means);
-        let scale = scale(&y.values);
+        let (scale, palette) = fit(&y.values);
         let at =
-            |cell: (usize, usize)| color([x.values[cell], y.values[cell], z.values[cell]], &scale, missing);
+            |cell: (usize, usize)| color([x.values[cell], y.values[cell], z.values[cell]], &scale, &palette);
         (y.paint_cells(at), scale)
     }
 }
 
 /// The colour of light whose Y stands at a place of a scale.
-fn color([x, y, z]: [f64; 3], scale: &Scale, missing: Rgb) -> Rgb {
+fn color([x, y, z]: [f64; 3], scale: &Scale, palette: &Palette) -> Rgb {
     match scale.shade(y) {
-        Shade::Missing => missing,
-        Shade::Zero => [0; 3],
-        Shade::Part(part) => srgb([x / y * part, part, z / y * part]),
+        Shade::Missing => palette.missing,
+        Shade::Zero => palette.zero,
+        Shade::Part(part) => {
+            let part = palette.position(part);
+            srgb([x / y * part, part, z / y * part])
+        }
     }
 }
 
@@ -89,13 +91,16 @@ mod tests {
             ],
             pyramids: Default::default(),
         };
-        let fit = |y: &Array2<f64>| Scale::fit(ScaleKind::Linear, 100.0, [y]);
+        let fit = |y: &Array2<f64>| {
+            let scale = Scale::fit(ScaleKind::Linear, 100.0, [y]);
+            (scale, Palette::of_true_colors(&scale, [9; 3]))
+        };
         let one = (&runs((0.0, 1.0), 1, 1), &runs((0.0, 2.0), 2, 1));
-        let (raster, scale) = colors.pixels(1.0, one, fit, [9; 3]);
+        let (raster, scale) = colors.pixels(1.0, one, fit);
         assert!((scale.high - 0.463_912_5).abs() < 1e-12);
         // As bright as white is red and green at once: Y of yellow is 0.93.
         assert!(raster.rgb[0] == 255 && raster.rgb[1] == 255 && raster.rgb[2] < 3, "{:?}", raster.rgb);
-        let cells = colors.of_cells(&Scale { high: 1.0, ..scale }, [9; 3]);
+        let cells = colors.of_cells(&Scale { high: 1.0, ..scale }, &Palette::of_true_colors(&scale, [9; 3]));
         assert_eq!(cells.into_iter().collect::<Vec<_>>(), [[255, 0, 0], [0, 255, 0]]);
     }
 }

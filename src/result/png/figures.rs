@@ -215,7 +215,13 @@ impl MapPanel {
             None => Scale::fit_difference(ScaleKind::Linear, 100.0, values),
         };
         let (raster, scale) = match colors {
-            Some(colors) => colors.pixels(1.0, (&rows, &columns), fit, MISSING),
+            Some(colors) => {
+                let fit = |values: &Array2<f64>| {
+                    let scale = fit(values);
+                    (scale, Palette::of_true_colors(&scale, MISSING))
+                };
+                colors.pixels(1.0, (&rows, &columns), fit)
+            }
             None => {
                 let means = Means::new(&whole.level(values, 1.0), &rows, &columns);
                 let scale = fit(&means.values);
@@ -226,7 +232,7 @@ impl MapPanel {
         let bar_length = (size.1 as f64).max(LEAST_HEIGHT * text) as i32;
         let mut bar = ColorBar::new(name, style.unit_of(unit, scale.high), scale, bar_length, text);
         if colors.is_some() {
-            bar.palette = Palette::of_true_colors(MISSING);
+            bar.palette = Palette::of_true_colors(&scale, MISSING);
         }
         MapPanel {
             text,
@@ -301,7 +307,7 @@ pub(super) fn directions(path: &Path, head: &Head, intensity: &Array2<f64>, reac
     let px = |times: f64| (times * text).round() as i32;
     let scale = fitted(head.style.scale(), intensity);
     let colors = match head.colors {
-        Some(colors) => colors.of_cells(&scale, MISSING),
+        Some(colors) => colors.of_cells(&scale, &Palette::of_true_colors(&scale, MISSING)),
         None => {
             let color = Palette::of_files(&scale).lookup();
             intensity.mapv(|value| color(scale.shade(value)))
@@ -312,7 +318,7 @@ pub(super) fn directions(path: &Path, head: &Head, intensity: &Array2<f64>, reac
     let unit = head.style.unit_of(head.quantity.1, scale.high);
     let mut bar = ColorBar::new(head.quantity.0, unit, scale, SIZE as i32, text);
     if head.colors.is_some() {
-        bar.palette = Palette::of_true_colors(MISSING);
+        bar.palette = Palette::of_true_colors(&scale, MISSING);
     }
     let numbers = numbers(head, Some((scale.high, &bar))) + " · " + EQUAL_CELLS;
     let axis = polar_axis(limit);

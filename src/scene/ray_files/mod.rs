@@ -23,6 +23,7 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::ops::Range;
 use std::path::Path;
+use std::time::SystemTime;
 
 use crate::format::hex;
 use sha2::{Digest, Sha256};
@@ -58,16 +59,38 @@ enum Layout {
     Columns(Columns),
 }
 
+/// Length, and the time of the last change: another state, another content.
+pub type FileState = (u64, Option<SystemTime>);
+
+/// The state of a file.
+///
+/// # Errors
+/// If there is no such file.
+pub fn state_of(path: &Path) -> Result<FileState> {
+    let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
+    match path.metadata() {
+        Ok(found) if found.is_file() => Ok((found.len(), found.modified().ok())),
+        _ => Err(Error::new(name, "there is no such file", "name a ray file")),
+    }
+}
+
 impl RayFile {
+    /// The state of the file that is open.
+    ///
+    /// # Errors
+    /// If the system does not say.
+    pub fn state(&self) -> Result<FileState> {
+        let found = self.reader.metadata().map_err(|error| Error::io("the file", &error))?;
+        Ok((found.len(), found.modified().ok()))
+    }
+
     /// Opens a file and reads its header.
     ///
     /// # Errors
     /// If it cannot be read, is of no known format, or its header and size contradict each other.
     pub fn open(path: &Path) -> Result<Self> {
         let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
-        if !path.is_file() {
-            return Err(Error::new(name, "there is no such file", "name a ray file"));
-        }
+        state_of(path)?;
         let file = File::open(path).map_err(|error| Error::io(name.as_str(), &error))?;
         RayFile::of(file, &name)
     }

@@ -5,7 +5,7 @@
 //! that the file is read once for all of them, from its beginning to its end.
 
 use crate::model::sources::rays::{Order, RayStream, StreamedRay};
-use crate::scene::ray_files::{self, Picking, RayFile};
+use crate::scene::ray_files::{self, FileState, Picking, RayFile};
 use crate::scene::ray_sources::taking::{Refusal, Taking};
 use crate::{Error, Result};
 use std::fmt;
@@ -15,7 +15,8 @@ use std::sync::Mutex;
 
 /// Rays of a block.
 const BLOCK: u64 = 1 << 12;
-/// Draws that are looked up at once where ids come in turn: reading the file takes longer than so many draws.
+/// Draws that are looked up at once where ids come in turn: reading the file takes longer than so many draws. Rays in order
+/// need no look ahead.
 const DRAWS_AHEAD: usize = 1 << 20;
 /// Relative difference of two rays' fluxes that is taken for rounding.
 const ROUNDED: f64 = 1.0 / (1 << 20) as f64;
@@ -36,6 +37,8 @@ pub(super) struct FileStream {
     path: PathBuf,
     taking: Taking,
     ends: Ends,
+    /// The state of the file when all its rays were read.
+    state: FileState,
     open: Mutex<Open>,
 }
 
@@ -99,9 +102,15 @@ impl Ends {
 }
 
 impl FileStream {
-    pub(super) fn new(path: &Path, file: RayFile<File>, taking: Taking, ends: Ends) -> Self {
+    pub(super) fn new(
+        path: &Path,
+        file: RayFile<File>,
+        taking: Taking,
+        ends: Ends,
+    ) -> ray_files::Result<Self> {
+        let state = file.state()?;
         let open = Open { file, seed: 0, first_id: 0, rays: Vec::new() };
-        FileStream { path: path.to_owned(), taking, ends, open: Mutex::new(open) }
+        Ok(FileStream { path: path.to_owned(), taking, ends, state, open: Mutex::new(open) })
     }
 
     fn refused(&self, refusal: Refusal) -> Error {
@@ -118,6 +127,9 @@ impl FileStream {
         ids: impl Iterator<Item = u64>,
         draw: &dyn Fn(u64) -> u64,
     ) -> std::result::Result<Vec<StreamedRay>, Refusal> {
+        if file.state()? != self.state {
+            return Err(Refusal::OfFile(changed()));
+        }
         let mut targets: Vec<(f64, u32)> = ids.map(|id| self.ends.target(id, draw)).zip(0..).collect();
         targets.sort_unstable_by(|(a, _), (b, _)| a.total_cmp(b));
         let nothing = StreamedRay { wavelength: None, position: [0.0; 3], direction: [0.0, 0.0, 1.0] };
@@ -183,8 +195,9 @@ fn changed() -> ray_files::Error {
 impl RayStream for FileStream {
     fn rays(&self, seed: u64, ids: &[u64], draw: &dyn Fn(u64) -> u64) -> Result<Vec<StreamedRay>> {
         let mut open = self.open.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        let (Some(&first), Some(&last)) = (ids.first(), ids.last()) else { return Ok(Vec::new()) };
-        if last.wrapping_sub(first) != ids.len() as u64 - 1 {
+        let Some(&first) = ids.first() else { return Ok(Vec::new()) };
+        // In a list, an id may come more than once: a family of split rays has one.
+        if !ids.windows(2).all(|pair| pair[1] == pair[0] + 1) {
             let found = self.look_up(&mut open.file, ids.iter().copied(), draw);
             return found.map_err(|refusal| self.refused(refusal));
         }

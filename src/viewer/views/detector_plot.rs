@@ -3,7 +3,7 @@
 use crate::result::figures::field::{CellGeometry, Field};
 use crate::result::figures::region::{Region, RegionOutline};
 use crate::result::picture::Rgb;
-use crate::result::picture::scale::{Palette, Scale};
+use crate::result::picture::scale::{Palette, Scale, ScaleKind};
 use crate::result::picture::ticks::ticks;
 use crate::viewer::model::{Marks, Picture};
 use crate::viewer::plot::{self, Plot, PlotFrame, ShownPlot, View};
@@ -128,9 +128,9 @@ fn is_true_to_scale(field: &Field) -> bool {
 }
 
 /// The colours of a map or of differences.
-fn palette(app: &App, ui: &Ui, diverging: bool) -> Palette {
+fn palette(app: &App, ui: &Ui, scale: &Scale) -> Palette {
     let [r, g, b, _] = plot::Colors::of(ui).ground.to_array();
-    Palette::of_window(app.model.settings.color_map, diverging, [r, g, b])
+    Palette::of_window(app.model.settings.color_map, scale, [r, g, b])
 }
 
 fn color32([r, g, b]: Rgb) -> Color32 {
@@ -142,8 +142,10 @@ fn paint(app: &mut App, ui: &Ui, painter: &Painter, frame: &PlotFrame, picture: 
     let scale = ui.pixels_per_point();
     let size = size_of(ui, frame);
     let ground = plot::Colors::of(ui).ground;
-    let diverging = matches!(picture.as_ref(), Picture::Map { scale, .. } if scale.diverging);
-    let palette = palette(app, ui, diverging);
+    let palette = match picture.as_ref() {
+        Picture::Map { scale, .. } => palette(app, ui, scale),
+        Picture::Spots(_) => palette(app, ui, &Scale::fit(ScaleKind::Linear, 100.0, [])),
+    };
     let fresh = app.painted.as_ref().is_some_and(|painted| {
         Arc::ptr_eq(&painted.picture, picture)
             && (painted.view, painted.size) == (frame.view, size)
@@ -437,7 +439,7 @@ fn read(app: &mut App, shown: &ShownPlot, picture: &Picture) -> Option<Cursor> {
 
 /// The colours with their values. Zero has a place of its own below.
 fn color_bar(app: &App, ui: &Ui, rect: Rect, field: &Field, scale: &Scale) {
-    let palette = palette(app, ui, scale.diverging);
+    let palette = palette(app, ui, scale);
     let (name, unit) = field.labels.value;
     let text = plot::Colors::of(ui).text;
     let font = FontId::proportional(12.0);
