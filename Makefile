@@ -137,7 +137,7 @@ test-random: adapter .venv/installed
 		../.venv/bin/python -m pytest $(PYTEST_WORKERS) tests/test_random.py
 
 test-torch: adapter .venv-torch/installed .venv-torch/optiland
-	cd python && NSQ_GPU_BINARY=$(BINARY) ../.venv-torch/bin/python -m pytest -rs tests/test_torch.py tests/test_torch_lenses.py \
+	cd python && NSQ_GPU_BINARY=$(BINARY) ../.venv-torch/bin/python -m pytest -rs tests/test_torch.py tests/test_torch_lenses.py tests/test_design_torch.py \
 		tests/test_export.py::test_torch_tensors_are_values
 	cd .venv-torch/optiland && NSQ_GPU_BINARY=$(BINARY) PYTHONPATH=$(abspath python) ../bin/python -m pytest -rs -p tools.optilands_tests \
 		$(OPTILANDS_TESTS)

@@ -160,7 +160,7 @@ def loss_gradient(scene: NSQScene | str | os.PathLike[str], parameters: str | Se
     a watt in each pixel; rays are then walked back from there. As with :func:`jacobian`, the derivative is that of the
     interior, unless ``edges=True``.
 
-    >>> flux = result.detectors["image"].data * pixel_area            # [W]
+    >>> flux = result.detectors["image"].irradiance * pixel_area      # [W]
     >>> nsq_gpu.loss_gradient(scene, ["L1.r1", "L1.z"], {"image": 2 * (flux - wanted)}, 1_000_000)
     {'L1.r1': -0.0031, 'L1.z': 0.0102}
 
