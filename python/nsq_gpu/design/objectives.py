@@ -389,7 +389,7 @@ class TorchFunction(Objective):
     >>> TorchFunction(detector="screen", function=lambda map: (map[8:24] ** 0.5).mean(), target=1.0)
     """
 
-    function: Callable[[Any], Any] = field(default=float, compare=False)
+    function: Callable[..., Any] = field(default=float, compare=False)
 
     def value_and_adjoints(self, maps: Maps) -> tuple[float, Adjoints]:
         import torch
