@@ -163,3 +163,12 @@ def test_what_makes_no_sense_is_refused(make: Callable[[], Any], said: str) -> N
 
 def test_an_estimate_is_a_number_with_an_error() -> None:
     assert float(Estimate(1.5, 0.25)) == 1.5 and str(Estimate(1.5, 0.25)) == "1.5 ± 0.25"
+
+
+def test_a_spot_of_no_size_has_no_slope() -> None:
+    """Its radius stays at the least one, so no pixel changes it."""
+    flux = np.zeros((8, len(Y), len(X)))
+    flux[:, 10, 12] = 1.0
+    with pytest.warns(nsq_gpu.ResultWarning, match="less than a pixel"):
+        value, adjoints = RmsRadius(detector="d", target=0).value_and_adjoints({"d": BlockMaps(flux, X, Y, (0.5, 0.5), "bilinear")})
+    assert value == pytest.approx(1e-3 * np.hypot(0.5, 0.5)) and not adjoints["d"].any()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,8 +19,10 @@ from optiland.tolerancing.perturbation import RangeSampler
 from optiland.tolerancing.sensitivity_analysis import SensitivityAnalysis
 
 import nsq_gpu
-from nsq_gpu.design import operand_estimate, operands
+from nsq_gpu.design import operand_estimate, operands, tracing
 from nsq_gpu.export import export
+from nsq_gpu.scene_file import parsed
+from nsq_gpu.session import shared_session
 from tests import live
 
 #: Light that goes straight through.
@@ -199,6 +202,8 @@ def test_values_are_the_same_bits_when_a_lens_comes_back() -> None:
     ("nsq_flux", {"where": 3}, "where is 3"),
     ("nsq_flux", {"where": "reflection == 2"}, "reflection"),
     ("nsq_flux", {"blocks": 2}, "give 4 or more"),
+    ("nsq_flux", {"num_rays": 3}, "at least one for each of the 16 blocks"),
+    ("nsq_flux", {"num_rays": 0}, "at least one for each"),
     ("nsq_flux", {"region": (1, 2)}, "give 4 numbers"),
     ("nsq_flux", {"region": (20, 30, 20, 30)}, "lies beside the detector"),
     ("nsq_ghost_peak", {"order": 16}, "give 17 or more"),
@@ -208,7 +213,7 @@ def test_values_are_the_same_bits_when_a_lens_comes_back() -> None:
 ])
 def test_what_makes_no_sense_is_refused_by_name(operand: str, data: dict[str, Any], said: str) -> None:
     with pytest.raises(nsq_gpu.NsqGpuError, match=said):
-        operand_registry.get(operand)(optic=plate(), num_rays=1600, **data)
+        operand_registry.get(operand)(optic=plate(), **{"num_rays": 1600, **data})
 
 
 def test_no_optic_and_no_operand_are_refused() -> None:
@@ -237,6 +242,79 @@ def test_a_lens_that_cannot_be_traced_is_nan_once_one_could() -> None:
 def test_a_spot_smaller_than_a_pixel_is_warned_of() -> None:
     with pytest.warns(nsq_gpu.ResultWarning, match="less than a pixel"):
         operand_estimate("nsq_rms_radius", **spot(singlet(), detector_size=(40.0, 40.0), detector_pixels=(16, 16)))
+
+
+def test_each_operand_of_an_optic_raises_at_first() -> None:
+    lens = singlet()
+    value = operand_registry.get("nsq_flux")
+    assert np.isfinite(value(**spot(lens, num_rays=1600)))
+    # No light is reflected seven times, so the second operand has no value from the beginning.
+    with pytest.raises(nsq_gpu.SceneError, match="no value"):
+        operand_registry.get("nsq_rms_radius")(**spot(lens, num_rays=1600, where="reflections == 7"))
+
+
+@pytest.mark.parametrize("error", [nsq_gpu.DeviceError, nsq_gpu.AdapterError, nsq_gpu.TraceTimeoutError, nsq_gpu.NsqGpuError])
+def test_what_is_no_fault_of_a_lens_is_raised(error: type[Exception], monkeypatch: pytest.MonkeyPatch) -> None:
+    lens, value = singlet(), operand_registry.get("nsq_flux")
+    assert np.isfinite(value(**spot(lens, num_rays=1600)))
+
+    def fails(*_: Any, **__: Any) -> None:
+        raise error("not the lens")
+
+    monkeypatch.setattr(operands.Tracer, "maps", fails)
+    with pytest.raises(error, match="not the lens"):
+        value(**spot(lens, num_rays=1600))
+
+
+def test_a_guide_stays_with_its_optic() -> None:
+    """A lens of the same shape that was traced before changes nothing."""
+    data = {"num_rays": 1600, "fields": [0], "seed": 5}
+    other = CookeTriplet()
+    other.updater.set_radius(30.0, 1)
+    operands._state.tracers.clear()
+    operand_estimate("nsq_ghost_flux", optic=other, **data)
+    after = operand_estimate("nsq_ghost_flux", optic=CookeTriplet(), **data)
+    operands._state.tracers.clear()
+    assert operand_estimate("nsq_ghost_flux", optic=CookeTriplet(), **data) == after
+
+
+def test_a_guide_is_of_the_precision_that_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    commands: list[list[str]] = []
+
+    def said(command: list[str]) -> None:
+        commands.append(command)
+        raise nsq_gpu.SceneError("enough")
+
+    monkeypatch.setattr(tracing, "run", said)
+    with pytest.raises(nsq_gpu.SceneError, match="enough"):
+        operand_estimate("nsq_ghost_flux", optic=CookeTriplet(), num_rays=1600, precision="f32")
+    assert "--precision=f32" in commands[0]
+
+
+def test_a_guide_finds_the_files_that_a_scene_names() -> None:
+    scenes = Path(__file__).parents[2] / "scenes"
+    document = parsed((scenes / "coated_projector.json").read_text(encoding="utf-8"))
+    document["nsq_gpu"]["sampling"] = {}
+    program = live.binary()
+    tracer = tracing.Tracer(shared_session(program, None), program, name="coated_projector.json", folder=str(scenes))
+    file, is_new = tracer.guide(document, None)
+    assert is_new and Path(file).is_file()
+
+
+def test_an_image_that_a_lens_outgrows_is_noted_and_renewed() -> None:
+    lens = CookeTriplet()
+    data = {"optic": lens, "num_rays": 1600}
+    value = operand_registry.get("nsq_rms_radius")
+    value(**data)
+    before = nsq_gpu.register_operands().notes.copy()
+    lens.scale_system(4)
+    small = float(value(**data))
+    notes = nsq_gpu.register_operands().notes[len(before):]
+    assert any("the image keeps its first size" in said for _, said in notes)
+    operands.renew(lens)
+    again = CookeTriplet()
+    again.scale_system(4)
+    assert float(value(**data)) == float(value(optic=again, num_rays=1600)) != small
 
 
 # Optimisers

@@ -383,6 +383,161 @@ def test_a_log_has_a_plot() -> None:
     assert axes.get_ylabel() == "merit" and len(axes.containers[0][0].get_xdata()) == len(design.log)
 
 
+# Light at edges, seen late
+
+
+def past_its_screen(r1: float = 60.0) -> NSQScene:
+    """Return a lens whose light, where r1 is large, lies over a screen's edge."""
+    return singlet(r1=r1, z=40.0, width=8.0)
+
+
+FAR = {"L.r1": (40.0, 400.0)}
+
+
+@pytest.mark.parametrize("rays", [8000, 20_000])
+def test_few_rays_see_light_at_edges(rays: int) -> None:
+    """Rays that are walked back see 1e-9 of a slope of 1e-4."""
+    gradient = problem(Flux(detector="image", target=1.0), scene=past_its_screen(), variables=FAR, num_rays=rays).gradient([300.0])
+    assert gradient.found_by == ["differences"]
+    assert abs(gradient.values[0]) > 3e-5
+
+
+def test_a_verdict_on_edges_is_of_its_place() -> None:
+    """At the first place the operand is met, so that the merit is flat there, and no light lies at the edge."""
+    one = problem(Flux(detector="image", min_val=0.85), scene=past_its_screen(), variables=FAR, num_rays=20_000)
+    assert one.gradient([60.0]).found_by == ["reverse"]
+    late = one.gradient([300.0])
+    assert late.found_by == ["differences"]
+    fresh = problem(Flux(detector="image", min_val=0.85), scene=past_its_screen(), variables=FAR, num_rays=20_000,
+                    gradient="differences").gradient([300.0])
+    assert late.values[0] == pytest.approx(fresh.values[0])
+    assert sum("light crosses edges where L.r1" in said for _, said in one.log.notes) == 1
+
+
+def test_a_met_operand_says_nothing_of_edges() -> None:
+    """The adjoints of a merit that is met are 0; those of its operand are not."""
+    one = problem(Flux(detector="image", max_val=5.0), scene=past_its_screen(), variables=FAR, num_rays=8000)
+    assert one.gradient([300.0]).found_by == ["differences"]
+
+
+# Runs
+
+
+@pytest.mark.parametrize("method", ["L-BFGS-B", "SLSQP", "TNC"])
+def test_small_merits_are_minimized_too(method: str) -> None:
+    """SciPy's tests of convergence are against 1; a merit of 1e-8 is far below."""
+    focus: dict[str, Any] = {"variables": {"image.z": (55.0, 70.0)}, "num_rays": 2000, "scene": singlet(z=56.0)}
+    design = problem(RmsRadius(detector="image", target=0, weight=1e-4, where=DIRECT), **focus).minimize(method, max_rays=2000, errors=False)
+    assert design.log.steps[0].merit < 1e-8
+    assert design.value.value < 0.2 * design.log.steps[0].merit
+    assert design.numbers["image.z"] == pytest.approx(61.06, abs=0.3)
+
+
+def test_each_run_has_its_own_steps_and_rays() -> None:
+    one = problem(num_rays=2000)
+    first = one.minimize(max_rays=4000, growth=2, steps=2, errors=False)
+    assert one.num_rays == 2000 and len(first.log) == 2
+    other = one.minimize(max_rays=4000, growth=2, steps=3, errors=False)
+    assert one.num_rays == 2000 and len(first.log) == 2
+    assert other.log.steps[0].step == 0 and other.log.steps[0].stage == 0 and other.log.steps[0].num_rays == 2000
+    assert other.log is one.log and other.log is not first.log and other.log.settings == first.log.settings
+
+
+def test_rays_are_whole_blocks() -> None:
+    one = problem(num_rays=39)
+    assert one.num_rays == 30
+    assert {step.num_rays for step in one.minimize(max_rays=65, growth=2, steps=3, errors=False, tolerance=0.1).log} <= {30, 60}
+
+
+@pytest.mark.parametrize("method", ["SLSQP", "Adam"])
+def test_scenes_that_cannot_be_traced_end_no_run(method: str) -> None:
+    """A radius below that of the rim has no lens; the start is good, and the optimiser leaps."""
+    if method == "Adam":
+        pytest.importorskip("torch")
+    one = problem(scene=singlet(z=30.0, width=12.0), variables={"L.r1": (8.0, 66.0)}, num_rays=2000)
+    with pytest.raises(nsq_gpu.SceneError):
+        one.value([9.0])
+    design = one.minimize(method, max_rays=2000, steps=12, **({"lr": 0.2} if method == "Adam" else {}))
+    assert design.value.value < 0.5 * design.log.steps[0].merit
+    assert any("cannot be traced" in said for _, said in design.log.notes)
+
+
+@pytest.mark.parametrize("method", ["L-BFGS-B", "Nelder-Mead"])
+def test_no_light_at_the_start_is_said(method: str) -> None:
+    one = problem(RmsRadius(detector="image", target=0, where="reflections == 7"), num_rays=2000)
+    with pytest.raises(nsq_gpu.UsageError, match="no value at the start.*x0"):
+        one.minimize(method, max_rays=2000)
+
+
+def test_a_variable_of_edges_alone_is_found_late(monkeypatch: pytest.MonkeyPatch) -> None:
+    one = problem(num_rays=2000)
+    assert one.gradient().found_by == ["reverse", "reverse"]
+    walked = one._walked
+
+    def refuses(numbers: Any, names: Any, errors: bool) -> Any:
+        if "L.r1" in names:
+            raise nsq_gpu.UsageError("nsq-gpu: `L.r1` acts at edges alone, such as rims")
+        return walked(numbers, names, errors)
+
+    monkeypatch.setattr(one, "_walked", refuses)
+    gradient = one.gradient([52.1, 60.0])
+    assert gradient.found_by == ["reverse", "differences"]
+    assert any("L.r1 acts at edges alone" in said for _, said in one.log.notes)
+
+
+def test_an_error_keeps_the_best() -> None:
+    one = problem(num_rays=2000)
+
+    def fails(step: Step) -> None:
+        if step.step == 1:
+            raise nsq_gpu.DeviceError("the device was lost")
+
+    with pytest.raises(nsq_gpu.DeviceError, match="lost") as stop:
+        one.minimize(callback=fails)
+    design = stop.value.partial
+    assert isinstance(design, Design) and design.partial and len(design.log) == 2 and "lost" in design.reason
+    assert one.num_rays == 2000
+
+
+def test_no_file_is_written_over(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.json"
+    scene.write_text(json.dumps(pipe()))
+    before = scene.read_text()
+    one = problem(num_rays=2000)
+    with pytest.raises(nsq_gpu.UsageError, match="is no log of an optimisation; name another file"):
+        one.minimize(log=scene)
+    assert scene.read_text() == before
+    with pytest.raises(nsq_gpu.UsageError, match="is no file"):
+        one.minimize(log=tmp_path)
+    with pytest.raises(nsq_gpu.UsageError, match="folder .* cannot be made"):
+        one.minimize(log=scene / "log.json")
+    assert one._tracer.num_traces == 0
+    file = tmp_path / "new" / "log.json"
+    done = one.minimize(max_rays=2000, steps=1, log=file, errors=False)
+    with pytest.raises(nsq_gpu.UsageError, match="log of another run.*resume="):
+        one.minimize(log=file)
+    for is_named in (True, False):
+        done = one.minimize(max_rays=2000, steps=1, log=file, resume=file if is_named else done.log, errors=False)
+        assert Log.load(file).steps == done.log.steps
+    assert len(done.log) == 3 and not list(file.parent.glob(".*"))
+
+
+def test_a_log_knows_functions_by_their_code() -> None:
+    from nsq_gpu.design import TorchFunction
+
+    def operands(function: Any) -> Any:
+        return problem(TorchFunction(detector="image", target=0.0, function=function), num_rays=2000).settings()["operands"]
+
+    one, same, other = operands(lambda map_: map_.sum()), operands(lambda map_: map_.sum()), operands(lambda map_: (map_**2).sum())
+    assert one == same != other
+    assert problem(step=0.01).settings() != problem().settings() != problem(gradient="differences").settings()
+
+
+def test_numbers_beyond_the_bounds_are_said() -> None:
+    with pytest.warns(nsq_gpu.NsqGpuWarning, match="L.r1 = 99: beyond the bounds"):
+        problem(num_rays=2000).value([52.0, 99.0])
+
+
 # What is refused
 
 
@@ -411,6 +566,15 @@ def with_far_field() -> NSQScene:
     (lambda: problem().minimize(x0={"L.r1": 60}), "lacks 'image.z'"),
     (lambda: problem().minimize(x0=[50.0, 200.0]), "beyond the bounds of L.r1"),
     (lambda: problem().minimize(growth=1), "2 or more"),
+    (lambda: problem().minimize(max_ray=5), "no option 'max_ray'; did you mean 'max_rays'"),
+    (lambda: problem().minimize("Nelder-Mead", xtol=1), "did you mean 'xatol'"),
+    (lambda: problem().minimize(budget="abc"), "budget is 'abc'"),
+    (lambda: problem().minimize(budget=-1), "more than 0"),
+    (lambda: problem().minimize(budget=np.nan), "budget is nan"),
+    (lambda: problem().minimize(tolerance="a"), "tolerance is 'a'"),
+    (lambda: problem().minimize(tolerance=-1), "0 or more"),
+    (lambda: problem(step="a"), "step is 'a'"),
+    (lambda: problem().value(["a", 1]), "x is"),
     (lambda: problem().value([1.0]), "give 2"),
     (lambda: problem().value([np.nan, 1.0]), "finite"),
     (lambda: problem(Flux(detector="image", target=1, where="reflection == 1")).value(), "reflection"),

@@ -40,16 +40,16 @@ def with_torch() -> None:
     be.set_precision("float64")
 
 
-def lens() -> Any:
+def lens(thickness: float = 93.0) -> Any:
     """Return a lens with wide faces, which the light keeps clear of."""
     return optic([{"radius": 100.0, "thickness": 4.0, "material": "N-BK7", "is_stop": True, "aperture": 13.0},
-                  {"radius": -100.0, "thickness": 93.0, "aperture": 13.0}], 20.0)
+                  {"radius": -100.0, "thickness": thickness, "aperture": 13.0}], 20.0)
 
 
-def slopes(operand: str, data: dict[str, Any]) -> list[float]:
+def slopes(operand: str, data: dict[str, Any], thickness: float = 93.0) -> list[float]:
     """Return the derivatives of an operand by the front's radius and the last thickness, by Torch."""
     with_torch()
-    found = lens()
+    found = lens(thickness)
     variables = OptimizationProblem()
     variables.add_variable(found, "radius", surface_number=1)
     variables.add_variable(found, "thickness", surface_number=2)
@@ -63,15 +63,15 @@ def slopes(operand: str, data: dict[str, Any]) -> list[float]:
     return [float(gradient[0]) / 100.0, float(gradient[1]) / 10.0]
 
 
-def differences(operand: str, data: dict[str, Any], steps: tuple[float, float]) -> list[float]:
+def differences(operand: str, data: dict[str, Any], steps: tuple[float, float], thickness: float = 93.0) -> list[float]:
     """Return the same by long steps of whole lenses, with numbers alone."""
     be.set_backend("numpy")
     found = []
     for step, move in zip(steps, (lambda optic, by: optic.updater.set_radius(100.0 + by, 1),
-                                  lambda optic, by: optic.updater.set_thickness(93.0 + by, 2)), strict=True):
+                                  lambda optic, by: optic.updater.set_thickness(thickness + by, 2)), strict=True):
         sides = []
         for side in (-step, step):
-            moved = lens()
+            moved = lens(thickness)
             move(moved, side)
             sides.append(float(operand_registry.get(operand)(optic=moved, **data)))
         found.append((sides[1] - sides[0]) / (2 * step))
@@ -87,6 +87,48 @@ def test_rays_that_are_walked_back_have_the_slopes_of_whole_lenses(operand: str,
     assert slopes(operand, data) == pytest.approx(differences(operand, data, (0.1, 0.05)), rel=0.05)
     said = [text for _, text in nsq_gpu.register_operands().notes[notes:]]
     assert not any("crosses edges" in text for text in said)
+
+
+def data_of_flux() -> dict[str, Any]:
+    return {"detector_size": (1.6, 1.6), "num_rays": 8_000, "blocks": 8, "where": DIRECT}
+
+
+def test_each_lens_is_checked_for_light_that_crosses_edges() -> None:
+    """Of the first lens all light lies within the detector; of the second, which has the same shape, much lies beside it."""
+    data = data_of_flux()
+    inside = slopes("nsq_flux", data)
+    assert np.abs(inside).max() < 1e-5
+    found = slopes("nsq_flux", data, 70.0)
+    # So few rays have a noisy difference; without the light that crosses the edge it is below 1e-6.
+    assert found == pytest.approx(differences("nsq_flux", {**data, "num_rays": 64_000}, (2.0, 1.0), 70.0), rel=0.6)
+    assert any("crosses edges" in said for _, said in nsq_gpu.register_operands().notes)
+
+
+def test_a_lens_that_changes_and_one_of_its_shape_are_checked_again() -> None:
+    with_torch()
+    be.grad_mode.enable()
+    gradients = []
+    for found, thickness in ((one := lens(), 93.0), (one, 70.0), (lens(70.0), 70.0)):
+        parameter = torch.nn.Parameter(torch.tensor(100.0, dtype=torch.float64))
+        found.updater.set_radius(parameter, 1)
+        found.updater.set_thickness(thickness, 2)
+        value = operand_registry.get("nsq_flux")(optic=found, **data_of_flux())
+        gradients.append(float(torch.autograd.grad(value, parameter)[0]))
+    assert abs(gradients[0]) < 1e-5
+    assert gradients[1] < -1e-3 and gradients[2] < -1e-3
+
+
+def test_tiny_steps_are_noticed_with_torch_as_the_backend() -> None:
+    """Of the flux in a detector that light overfills, a step of 1e-7 alone has almost no derivative."""
+    with_torch()
+    be.grad_mode.disable()
+    found = lens(70.0)
+    data = {"optic": found, "detector_size": (1.6, 1.6), "num_rays": 16_000, "blocks": 8, "where": DIRECT}
+    value = operand_registry.get("nsq_flux")
+    here = float(value(**data))
+    found.updater.set_thickness(70.0 + 1e-6, 2)
+    slope = (float(value(**data)) - here) / 1e-6
+    assert slope == pytest.approx(differences("nsq_flux", {k: v for k, v in data.items() if k != "optic"}, (2.0, 1.0), 70.0)[1], rel=0.6)
 
 
 def test_guided_light_has_differences_and_the_log_says_so() -> None:

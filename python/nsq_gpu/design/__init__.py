@@ -24,7 +24,7 @@ from nsq_gpu.design.objectives import (
     TorchFunction,
     Uniformity,
 )
-from nsq_gpu.design.operands import operand_estimate
+from nsq_gpu.design.operands import operand_estimate, renew
 from nsq_gpu.design.problem import Gradient, Value
 
 __all__ = [
@@ -46,4 +46,5 @@ __all__ = [
     "Uniformity",
     "Value",
     "operand_estimate",
+    "renew",
 ]

@@ -64,13 +64,20 @@ class Log(Displayed):
             self.note(message)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the log as JSON. The file appears whole or not at all."""
+        """Write the log as JSON. The file appears whole or not at all.
+
+        Raises:
+            UsageError: The file cannot be written.
+        """
         path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
         content = {"version": VERSION, **asdict(self)}
-        part = path.with_name(f"{path.name}.part")
-        part.write_text(json.dumps(content, indent=1), encoding="utf-8")
-        part.replace(path)
+        part = path.with_name(f".{path.name}.{os.getpid()}.part")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            part.write_text(json.dumps(content, indent=1), encoding="utf-8")
+            part.replace(path)
+        except OSError as error:
+            raise UsageError(f"log: {path} cannot be written: {error.strerror or error}; name another file") from None
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Log:
@@ -88,6 +95,37 @@ class Log(Displayed):
             return cls(**content)
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             raise UsageError(f"{path} is no log of an optimisation: {error}") from None
+
+    @staticmethod
+    def check_file(path: str | os.PathLike[str], resume: Log | str | os.PathLike[str] | None = None) -> None:
+        """Refuse a file that holds something else than the log that is resumed, or that cannot be written.
+
+        Raises:
+            UsageError: It is such a file.
+        """
+        if not isinstance(path, str | os.PathLike) or not os.fspath(path):
+            raise UsageError(f"log is {path!r}; give the name of a file, such as 'design.json'")
+        file = Path(path)
+        if not os.path.lexists(file):
+            try:
+                file.parent.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise UsageError(f"log: the folder {file.parent} cannot be made: {error.strerror}; name another file") from None
+        elif not file.is_file():
+            raise UsageError(f"log: {file} is no file; name a file, such as 'design.json'")
+        elif file.stat().st_size:
+            try:
+                known = Log.load(file)
+            except UsageError:
+                raise UsageError(f"log: {file} exists, and is no log of an optimisation; name another file") from None
+            if isinstance(resume, Log):
+                is_named = known.steps == resume.steps
+            else:
+                is_named = resume is not None and os.path.realpath(file) == os.path.realpath(resume)
+            if not is_named:
+                raise UsageError(f"log: {file} is the log of another run; name another file, or go on from it by resume={str(file)!r}")
+        if not os.access(file.parent, os.W_OK):
+            raise UsageError(f"log: nothing can be written into the folder {file.parent}; name another file")
 
     def __iter__(self) -> Iterator[Step]:
         return iter(self.steps)

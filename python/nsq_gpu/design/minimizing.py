@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import inspect
 import os
 import time
 from collections.abc import Callable, Mapping
@@ -13,8 +15,9 @@ import numpy as np
 from nsq_gpu.arguments import missing, near
 from nsq_gpu.design.log import Log, Step
 from nsq_gpu.design.objectives import merit
+from nsq_gpu.design.problem import CHECKED_HERE, is_number
 from nsq_gpu.display import Displayed, Summary, number
-from nsq_gpu.errors import Interrupted, SceneError, UsageError, with_partial
+from nsq_gpu.errors import Interrupted, NsqGpuError, SceneError, UsageError, with_partial
 from nsq_gpu.export.values import whole_number
 
 if TYPE_CHECKING:
@@ -26,6 +29,23 @@ _WITHOUT = ("Nelder-Mead", "Powell", "COBYLA", "differential_evolution")
 #: Classes of ``torch.optim``.
 _OF_TORCH = ("Adam", "AdamW", "SGD", "RMSprop", "Adagrad", "Adadelta", "Adamax", "NAdam", "RAdam")
 METHODS = (*_WITH_GRADIENTS, *_WITHOUT, *_OF_TORCH)
+#: Options of SciPy's methods.
+_OPTIONS: dict[str, tuple[str, ...]] = {
+    "L-BFGS-B": ("disp", "maxcor", "ftol", "gtol", "eps", "maxfun", "maxiter", "iprint", "maxls", "finite_diff_rel_step", "workers"),
+    "SLSQP": ("disp", "ftol", "eps", "maxiter", "iprint", "finite_diff_rel_step", "workers"),
+    "TNC": ("disp", "eps", "scale", "offset", "mesg_num", "maxCGit", "eta", "stepmx", "accuracy", "minfev", "ftol", "xtol", "gtol",
+            "rescale", "finite_diff_rel_step", "maxfun", "workers"),
+    "trust-constr": ("gtol", "xtol", "barrier_tol", "sparse_jacobian", "initial_tr_radius", "initial_constr_penalty",
+                     "initial_barrier_parameter", "initial_barrier_tolerance", "factorization_method", "finite_diff_rel_step",
+                     "maxiter", "verbose", "disp", "workers", "subproblem_maxiter"),
+    "Nelder-Mead": ("disp", "maxiter", "maxfev", "return_all", "initial_simplex", "xatol", "fatol", "adaptive"),
+    "Powell": ("disp", "xtol", "ftol", "maxiter", "maxfev", "direc", "return_all"),
+    "COBYLA": ("rhobeg", "maxiter", "disp", "catol", "tol"),
+    "differential_evolution": ("strategy", "maxiter", "popsize", "tol", "mutation", "recombination", "seed", "rng", "disp", "polish",
+                               "init", "atol", "updating", "constraints", "integrality", "vectorized"),
+}
+#: Where a merit has fallen to this share within a stage, optimisers see it on a new scale.
+_FALLEN = 0.1
 #: Noise decides where the gradient is below so many of its standard errors.
 _SIGMAS = 2.0
 #: By how much more rays a design is judged on fresh draws.
@@ -96,6 +116,10 @@ class _Run:
     best: np.ndarray | None = None
     best_merit: float = np.inf
     worst: float = 0.0
+    #: What optimisers see is the merit over this one: their tests of convergence are against 1.
+    scale: float = 1.0
+    #: Steps of the log before this run.
+    steps_before: int = 0
     rays_before: int = 0
     seconds_before: float = 0.0
     started: float = 0.0
@@ -122,15 +146,35 @@ class _Run:
         except SceneError as error:
             if self.best is None:
                 raise
-            self.log.note_once(f"a design cannot be traced, and counts as a bad one: {error}")
-            return _REFUSED * (self.worst + 1e-12)
+            self._note_refused(error)
+            return self._refused(x)[0]
         if not np.isfinite(found):
+            if self.best is None:
+                raise UsageError("the merit has no value at the start, because too little light comes to a detector; begin elsewhere by "
+                                 "x0, or give more rays")
             self.log.note_once("a design has no value, because too little light comes to a detector, and counts as a bad one")
-            return _REFUSED * (self.worst + 1e-12)
+            return self._refused(x)[0]
         self.worst = max(self.worst, found)
         if found < self.best_merit:
             self.best, self.best_merit = x, found
         return found
+
+    def _note_refused(self, error: SceneError) -> None:
+        self.log.note_once(f"a design cannot be traced, and counts as a bad one: {error}")
+
+    def _refused(self, x: np.ndarray) -> tuple[float, np.ndarray]:
+        """Return the merit of a design without one, and its gradient by shares of ranges, which leads back to the best place."""
+        away = self.u_of(x) - self.u_of(x if self.best is None else self.best)
+        bad = _REFUSED * (self.worst or 1.0)
+        return bad * (1.0 + float(away @ away)), 2.0 * bad * away
+
+    def scaled(self, u: np.ndarray) -> float:
+        """Return the merit as optimisers see it."""
+        return self.merit(u) / self.scale
+
+    def scaled_gradient(self, u: np.ndarray) -> np.ndarray:
+        """Return the gradient of :meth:`scaled`."""
+        return self.gradient(u) / self.scale
 
     def _merit_at(self, x: np.ndarray) -> float:
         problem = self.problem
@@ -140,10 +184,13 @@ class _Run:
     def gradient(self, u: np.ndarray) -> np.ndarray:
         """Return the gradient by shares of ranges."""
         low, high = self.problem.bounds.T
+        x = self.x_of(u)
         try:
-            return np.asarray(self.problem.gradient(self.x_of(u), errors=False).values * (high - low))
-        except SceneError:
-            return np.zeros(len(low))
+            found = np.asarray(self.problem.gradient(x, errors=False).values * (high - low))
+        except SceneError as error:
+            self._note_refused(error)
+            return self._refused(x)[1]
+        return found if np.isfinite(found).all() else self._refused(x)[1]
 
     def step(self, u: np.ndarray) -> None:
         """Keep a step in the log; end the stage where noise decides, and the run where somebody wants it.
@@ -152,21 +199,32 @@ class _Run:
             _Enough: It is over.
         """
         problem, x = self.problem, self.x_of(u)
-        found = problem.value(x)
+        try:
+            found = problem.value(x)
+        except SceneError as error:
+            # An optimiser may stand for a while where nothing can be traced.
+            self._note_refused(error)
+            return
+        if not np.isfinite(found.value):
+            return
         self.log.steps.append(Step(len(self.log.steps), self.stage, x.tolist(), found.value, found.standard_error,
                                    [of.value for of in found.operands.values()], [of.standard_error for of in found.operands.values()],
                                    problem.num_rays, self.rays, self.seconds_before + time.monotonic() - self.started))
         self.save()
         if self.callback is not None and self.callback(self.log.steps[-1]):
             raise _Enough("the callback stopped it", is_end=True)
-        if len(self.log.steps) >= self.most_steps:
+        if len(self.log.steps) - self.steps_before >= self.most_steps:
             raise _Enough(f"{self.most_steps} steps are done", is_end=True)
         if self.has_gradients and self._noise_decides(x):
             raise _Enough("noise decides: the gradient is within its errors", is_end=False)
 
     def _noise_decides(self, x: np.ndarray) -> bool:
         """Tell whether the gradient, in all directions, is what noise makes of none."""
-        found = self.problem.gradient(x)
+        try:
+            found = self.problem.gradient(x)
+        except SceneError as error:
+            self._note_refused(error)
+            return False
         free = [index for index in range(len(x)) if not self.problem._is_held(x, found.values, index)]
         return bool(free) and is_noise(found.values[free], found.influences[:, free])
 
@@ -201,20 +259,40 @@ def minimize(problem: Problem, method: str, *, x0: Any, max_rays: int | None, bu
     """Do what :meth:`nsq_gpu.Problem.minimize` says."""
     if method not in METHODS:
         raise UsageError(f"method is {method!r}; {near(str(method), METHODS)}")
-    most = 16 * problem.num_rays if max_rays is None else whole_number("max_rays", max_rays)
+    blocks = problem._plain.blocks
+    most = 16 * problem.num_rays if max_rays is None else whole_number("max_rays", max_rays) // blocks * blocks
     if whole_number("growth", growth) < 2:
         raise UsageError(f"growth is {growth!r}; give 2 or more")
     if whole_number("steps", steps) < 1:
         raise UsageError(f"steps is {steps!r}; give 1 or more")
-    log = problem.log
+    if budget is not None and not (is_number(budget) and budget > 0):
+        raise UsageError(f"budget is {budget!r}; give a number of rays, more than 0, or None")
+    if not (is_number(tolerance) and tolerance >= 0.0):
+        raise UsageError(f"tolerance is {tolerance!r}; give a number of 0 or more")
+    _check_options(method, options)
     x = np.array(list(problem.numbers(problem.x0 if x0 is None else x0).values()))
+    if log_file is not None:
+        Log.check_file(log_file, resume)
+    known = resume if resume is None or isinstance(resume, Log) else Log.load(resume)
+    log = problem.log = problem._fresh_log()
     run = _Run(problem, log, log_file, callback, np.inf if budget is None else float(budget), steps, method not in _WITHOUT)
-    if resume is not None:
-        x = _resumed(problem, run, resume if isinstance(resume, Log) else Log.load(resume))
-    low, high = problem.bounds.T
-    beyond = [name for name, value, a, b in zip(problem.names, x, low, high, strict=True) if not a <= value <= b]
-    if beyond:
-        raise UsageError(f"x0 is beyond the bounds of {', '.join(beyond)}")
+    num_rays = problem.num_rays
+    try:
+        if known is not None:
+            x = _resumed(problem, run, known)
+        low, high = problem.bounds.T
+        beyond = [name for name, value, a, b in zip(problem.names, x, low, high, strict=True) if not a <= value <= b]
+        if beyond:
+            raise UsageError(f"x0 is beyond the bounds of {', '.join(beyond)}")
+        return _run(run, method, x, most, growth, tolerance, errors, options)
+    finally:
+        problem.num_rays = num_rays
+
+
+def _run(run: _Run, method: str, x: np.ndarray, most: int, growth: int, tolerance: float, errors: bool,
+         options: Mapping[str, Any]) -> Design:
+    """Run stage after stage from a place; return the design."""
+    problem, log = run.problem, run.log
     log.settings.update(problem.settings())
     run.started = time.monotonic()
     run.rays_before -= problem.rays_so_far
@@ -228,7 +306,13 @@ def minimize(problem: Problem, method: str, *, x0: Any, max_rays: int | None, bu
             except _Enough as enough:
                 reason, is_end = enough.reason, enough.is_end
             x = x if run.best is None else run.best
-            if is_end or problem.num_rays >= most:
+            if is_end:
+                break
+            if run.has_gradients and problem._choose(problem.numbers(x), CHECKED_HERE):
+                run.stage += 1
+                log.note(f"restart with other derivatives: {reason}, and light crosses edges here")
+                continue
+            if problem.num_rays >= most:
                 break
             problem.num_rays = min(problem.num_rays * growth, most)
             run.stage += 1
@@ -239,9 +323,30 @@ def minimize(problem: Problem, method: str, *, x0: Any, max_rays: int | None, bu
         best = x if run.best is None else run.best
         log.note("interrupted; the best is kept")
         run.save()
-        raise with_partial(stop if not isinstance(stop, Interrupted) else KeyboardInterrupt(), _stopped(run, best)) from None
+        raise with_partial(stop if not isinstance(stop, Interrupted) else KeyboardInterrupt(), _stopped(run, best, "interrupted")) from None
+    except NsqGpuError as error:
+        best = x if run.best is None else run.best
+        log.note(f"an error ended it: {error}")
+        with contextlib.suppress(UsageError):
+            run.save()
+        raise with_partial(error, _stopped(run, best, f"an error ended it: {error}"))
     run.save()
     return found
+
+
+def _check_options(method: str, options: Mapping[str, Any]) -> None:
+    """Refuse options that are neither of :meth:`nsq_gpu.Problem.minimize` nor of the method, with what was meant."""
+    own = [name for name in inspect.signature(minimize).parameters if name not in ("problem", "method", "log_file", "options")] + ["log"]
+    known = _OPTIONS.get(method)
+    if method in _OF_TORCH:
+        try:
+            import torch
+        except ImportError as error:
+            raise missing("Torch", "torch", f"method={method!r} needs") from error
+        known = tuple(inspect.signature(getattr(torch.optim, method)).parameters)[1:]
+    for name in options:
+        if known is not None and name not in known:
+            raise UsageError(f"{method} has no option {name!r}; {near(name, [*own, *known])}")
 
 
 def _resumed(problem: Problem, run: _Run, known: Log) -> np.ndarray:
@@ -254,9 +359,10 @@ def _resumed(problem: Problem, run: _Run, known: Log) -> np.ndarray:
         raise UsageError("the log has no steps; begin anew, without resume")
     last = known.steps[-1]
     best = min((step for step in known.steps if step.stage == last.stage), key=lambda step: step.merit)
-    if known is not run.log:
-        run.log.steps[:] = known.steps
-        run.log.notes[:0] = known.notes
+    said = {note for _, note in known.notes}
+    notes = [*known.notes, *((len(known.steps), note) for _, note in run.log.notes if note not in said)]
+    run.log.steps[:], run.log.notes[:] = known.steps, notes
+    run.steps_before = len(known.steps)
     problem.num_rays = last.num_rays
     run.stage, run.rays_before, run.seconds_before = last.stage, last.rays_so_far, last.seconds
     run.log.note(f"resumed from step {best.step}")
@@ -264,11 +370,27 @@ def _resumed(problem: Problem, run: _Run, known: Log) -> np.ndarray:
 
 
 def _stage(run: _Run, method: str, u: np.ndarray, tolerance: float, options: Mapping[str, Any]) -> str:
-    """Run an optimiser to its end; return why it ended."""
-    run.merit(u)
+    """Run an optimiser to its end; return why it ended.
+
+    SciPy's tests of convergence are against 1, so the merit is divided by that of the start. Where it has fallen far, that is done
+    again.
+    """
+    first = run.merit(u)
+    if run.has_gradients:
+        run.problem._choose(run.problem.numbers(run.x_of(u)), CHECKED_HERE)
+    run.scale = first if first > 0.0 else 1.0
     if method in _OF_TORCH:
         return _by_torch(run, method, u, tolerance, options)
     run.step(u)
+    while True:
+        reason = _by_scipy(run, method, u, tolerance, options)
+        if method not in _WITH_GRADIENTS or run.best is None or not 0.0 < run.best_merit < _FALLEN * run.scale:
+            return reason
+        u, run.scale = run.u_of(run.best), run.best_merit
+
+
+def _by_scipy(run: _Run, method: str, u: np.ndarray, tolerance: float, options: Mapping[str, Any]) -> str:
+    """Run an optimiser of SciPy."""
     try:
         from scipy import optimize
     except ImportError as error:
@@ -276,9 +398,9 @@ def _stage(run: _Run, method: str, u: np.ndarray, tolerance: float, options: Map
     bounds = [(0.0, 1.0)] * len(u)
     if method == "differential_evolution":
         given = {"seed": run.problem.settings()["seed"], "polish": False, "tol": max(tolerance, 1e-3), **options}
-        found = optimize.differential_evolution(run.merit, bounds, x0=u, callback=lambda xk, convergence=None: run.step(np.asarray(xk)), **given)
+        found = optimize.differential_evolution(run.scaled, bounds, x0=u, callback=lambda xk, convergence=None: run.step(np.asarray(xk)), **given)
         return str(found.message)
-    more: dict[str, Any] = {"jac": run.gradient} if run.has_gradients else {}
+    more: dict[str, Any] = {"jac": run.scaled_gradient} if run.has_gradients else {}
     limits = {"maxiter": run.most_steps, **options}
     if method == "L-BFGS-B":
         limits = {"ftol": tolerance, "gtol": 0.0, **limits}
@@ -286,7 +408,7 @@ def _stage(run: _Run, method: str, u: np.ndarray, tolerance: float, options: Map
     if method in ("COBYLA", "TNC"):
         limits = {key: value for key, value in limits.items() if key != "maxiter" or method == "COBYLA"}
     callback = _callback(run, method)
-    found = optimize.minimize(run.merit, u, method=method, bounds=bounds, tol=given_tolerance, options=limits, callback=callback, **more)
+    found = optimize.minimize(run.scaled, u, method=method, bounds=bounds, tol=given_tolerance, options=limits, callback=callback, **more)
     return f"{method}: {found.message}"
 
 
@@ -309,7 +431,7 @@ def _by_torch(run: _Run, method: str, u: np.ndarray, tolerance: float, options: 
     while quiet < 10:
         before = share.detach().clone()
         run.merit(before.numpy())
-        share.grad = torch.as_tensor(run.gradient(before.numpy()))
+        share.grad = torch.as_tensor(run.scaled_gradient(before.numpy()))
         run.step(before.numpy())
         optimizer.step()
         with torch.no_grad():
@@ -322,7 +444,12 @@ def _design(run: _Run, x: np.ndarray, reason: str, errors: bool) -> Design:
     """Return the design, with its errors, and judged on draws that the optimisation has not seen."""
     problem = run.problem
     value = problem.value(x)
-    spread = problem.spread(x) if errors else np.full(len(x), np.nan)
+    spread = np.full(len(x), np.nan)
+    if errors:
+        try:
+            spread = problem.spread(x)
+        except SceneError as error:
+            run.log.note(f"standard errors of the variables are not known, for designs beside the best cannot be traced: {error}")
     plain = problem._plain
     problem._plain = replace(plain, seed=plain.seed + 2**31, num_rays=_FRESH * plain.num_rays)
     try:
@@ -332,7 +459,7 @@ def _design(run: _Run, x: np.ndarray, reason: str, errors: bool) -> Design:
     return Design(problem.numbers(x), dict(zip(problem.names, spread.tolist(), strict=True)), value, fresh, run.log, reason)
 
 
-def _stopped(run: _Run, x: np.ndarray) -> Design | None:
+def _stopped(run: _Run, x: np.ndarray, reason: str) -> Design | None:
     """Return the best design so far, without what would take more traces."""
     steps = [step for step in run.log.steps if step.stage == run.stage] or run.log.steps
     if not steps:
@@ -345,4 +472,4 @@ def _stopped(run: _Run, x: np.ndarray) -> Design | None:
                 zip(run.problem.labels, at.values, at.standard_errors, strict=True)}
     value = Value(at.merit, at.standard_error, 0.0, operands, at.num_rays)
     unknown = dict.fromkeys(run.problem.names, float("nan"))
-    return Design(run.problem.numbers(at.x), unknown, value, None, run.log, "interrupted", True)
+    return Design(run.problem.numbers(at.x), unknown, value, None, run.log, reason, True)

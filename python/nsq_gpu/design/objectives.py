@@ -178,7 +178,8 @@ class Uniformity(_InRegion):
     >>> Uniformity(detector="screen", region=(-5, 5, -5, 5), target=1.0)
 
     Args:
-        kernel: Width of a Gaussian by which the map is blurred first [mm]; None blurs by pixels alone.
+        kernel: Width of a Gaussian by which the map is blurred first [mm]; None blurs by pixels alone. What it spreads beyond the
+            detector is lost, so a rim that is lit looks darker than it is. Let the region end two widths before the rim.
     """
 
     kernel: float | None = None
@@ -223,8 +224,11 @@ class RmsRadius(Objective):
         if square < 0.5 * pixel:
             warn(f"{self.label}: the light's radius is less than a pixel, {max(of.pixel):.3g} mm, and known to a pixel alone; give "
                  "the detector smaller pixels", ResultWarning)
-        # A small spot has a radius that is smooth, and at least a thousandth of a pixel.
-        value = float(np.sqrt(max(square, 1e-6 * pixel)))
+        # The radius of a small spot is at least a thousandth of a pixel, and does not change there.
+        least = 1e-6 * pixel
+        if square < least:
+            return float(np.sqrt(least)), {self.detector: np.zeros_like(of.flux)}
+        value = float(np.sqrt(square))
         by = [by_pairs(squares) / whole - 2.0 * top / whole**2 * by_pairs(flux), -2.0 * by_pairs(sum_x) / whole,
               -2.0 * by_pairs(sum_y) / whole, by_pairs(flux) / whole]
         adjoint = sum(factor[:, None, None] * weights for factor, weights in zip(by, basis, strict=True))
@@ -318,7 +322,8 @@ class Peak(_InRegion):
     by its noise. Here each power is a mean of products of different blocks of rays, to which noise adds nothing.
 
     Args:
-        kernel: Width (sigma) of the Gaussian [mm].
+        kernel: Width (sigma) of the Gaussian [mm]. What it spreads beyond the detector is lost, so a rim that is lit looks darker
+            than it is.
         order: p, 2 or more; at most the number of blocks.
     """
 

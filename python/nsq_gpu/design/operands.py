@@ -34,6 +34,8 @@ from nsq_gpu.session import shared_session
 _KERNEL = 1.0 / 50.0
 #: Scenes of an optic that are remembered, so that tiny steps from them are known.
 _MOST_BASES = 8
+#: A change of a lens, over scales, after which the size of its image is looked at again.
+_LARGE = 0.1
 #: Input data that all operands take, with what counts where one is missing.
 _COMMON: dict[str, Any] = {
     "optic": None, "detector": "image", "where": None, "fields": None, "num_rays": 40_000, "seed": 0, "blocks": 16, "guide": None,
@@ -68,12 +70,19 @@ class _Frozen:
 
     #: Width and height of the image [mm].
     size: tuple[float, float] | None = None
-    #: True if a trace of it has worked.
-    has_worked: bool = False
+    #: Operands whose value was known once, by their names and input data.
+    worked: set[str] = field(default_factory=set)
     #: Precision that the program took at first, where it was to choose.
     precision: str | None = None
     #: The scenes that it was last, but for tiny steps, by how they were made.
     bases: dict[str, list[Json]] = field(default_factory=dict)
+    #: Files of its guides, by what they are of.
+    guides: dict[str, str] = field(default_factory=dict)
+    #: The scene whose image was last found to fit the size that is kept, and whether the log says that one does not.
+    fitting: Json | None = None
+    is_said_to_be_too_small: bool = False
+    #: Gradients that were checked for light that crosses edges; :mod:`nsq_gpu.design.torch_graph` has them.
+    checked: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass
@@ -112,7 +121,7 @@ def register_operands() -> Log:
     first trace.
 
     Where a lens cannot be traced on the way, the value is NaN, which Optiland takes for a bad lens, and the log says why. The first
-    trace of an optic raises instead.
+    trace of an operand raises instead.
 
     With Torch, rays are walked back from operands of plain light. Operands of guided light have differences by common draws, two
     traces for each variable, and the log says so. Sizes that from_optic finds from rays count as constants there.
@@ -148,6 +157,21 @@ def operand_estimate(operand: str, **input_data: Any) -> Estimate:
     return _Evaluation(operand, input_data).estimate()
 
 
+def renew(optic: Any) -> None:
+    """Forget what is kept of an optic: the size of its image, its guides and its precision. The next trace finds them anew.
+
+    >>> nsq_gpu.design.renew(lens)
+
+    Values before and after are of different functions. An optimiser that is running must not see both.
+    """
+    if not isinstance(optic, Optic):
+        raise wrong_kind("optic", optic, "give Optiland's Optic")
+    _state.optics.pop(optic, None)
+    for key in [key for key in _state.scenes if key[0] == id(optic)]:
+        del _state.scenes[key]
+    _state.log.note("restart: an optic's image size, guides and precision are found anew")
+
+
 def _operand(name: str) -> Callable[..., Any]:
     def operand(**input_data: Any) -> Any:
         evaluation = _Evaluation(name, input_data)
@@ -158,12 +182,12 @@ def _operand(name: str) -> Callable[..., Any]:
                 raise SceneError(f"{name}: it has no value, because too little light comes to {evaluation.given['detector']}")
         except UsageError:
             raise
-        except (NsqGpuError, ValueError, ArithmeticError) as error:
-            if not frozen.has_worked:
+        except (SceneError, ArithmeticError) as error:
+            if evaluation.own not in frozen.worked:
                 raise
             _state.log.note_once(f"{name}: a lens cannot be judged, and its value is NaN: {error}")
             return be.array(float("nan"))
-        frozen.has_worked = True
+        frozen.worked.add(evaluation.own)
         return found
 
     operand.__name__ = name
@@ -195,13 +219,37 @@ class _Evaluation:
         scene, exported = self._scene()
         fields = self._fields(scene)
         objective = self._objective(scene)
+        self._note_of_size(plain(exported.document))
         if be.get_backend() == "torch":
             from nsq_gpu.design.torch_graph import operand_on_graph
 
             return operand_on_graph(self, exported, fields, objective)
-        return be.array(self._number(exported.document, fields, objective))
+        return be.array(self.number(exported.document, fields, objective))
 
-    def _number(self, document: Json, fields: Sequence[str], objective: Objective) -> float:
+    def _note_of_size(self, document: Json) -> None:
+        """Note where a lens has changed so much that its image would be larger by half than the one that is kept."""
+        frozen = _state.optics[self.given["optic"]]
+        if frozen.size is None or self.given["detector_size"] is not None or frozen.is_said_to_be_too_small:
+            return
+        change = np.inf if frozen.fitting is None else step_between(frozen.fitting, document)
+        if frozen.fitting is not None and change is not None and change < _LARGE:
+            return
+        if frozen.fitting is not None:
+            options = {key: self.given[key] for key in ("detector_pixels", "edges", "margin")}
+            try:
+                with _one_path(self.given["optic"]):
+                    live = from_optic(self.given["optic"], **options).detectors[0]
+                size = float(live.width), float(live.height)
+            except (NsqGpuError, ValueError, ArithmeticError):
+                return
+            if max(size[0] / frozen.size[0], size[1] / frozen.size[1]) > 1.5:
+                frozen.is_said_to_be_too_small = True
+                _state.log.note(f"{self.name}: the image keeps its first size, {frozen.size[0]:.4g} x {frozen.size[1]:.4g} mm, and the "
+                                f"lens as it is now would have {size[0]:.4g} x {size[1]:.4g} mm; light beside it does not count. "
+                                "nsq_gpu.design.renew(optic) finds the size anew, detector_size=(width, height) gives it")
+        frozen.fitting = document
+
+    def number(self, document: Json, fields: Sequence[str], objective: Objective) -> float:
         """Return the value of a scene. Tiny steps from the last scene are those of differences, and are made longer."""
         bases = _state.optics[self.given["optic"]].bases.setdefault(self._made, [])
         steps = [(step, base) for base in bases if (step := step_between(base, document)) is not None and step < TINY]
@@ -262,8 +310,12 @@ class _Evaluation:
         key = None if wants_graph else (id(given["optic"]), _content(given["optic"]), size, str(options))
         if key is not None and key in _state.scenes:
             return _state.scenes[key]  # type: ignore[no-any-return]
-        with _one_path(given["optic"]):
-            scene = from_optic(given["optic"], detector_size=size, **options)
+        try:
+            with _one_path(given["optic"]):
+                scene = from_optic(given["optic"], detector_size=size, **options)
+        except ValueError as error:
+            # Optiland's, of a lens through which no ray comes.
+            raise SceneError(f"{self.name}: no scene can be made of the optic: {error}") from error
         if frozen.size is None and given["detector_size"] is None:
             live = scene.detectors[0]
             frozen.size = (float(live.width), float(live.height))
@@ -304,32 +356,45 @@ class _Evaluation:
         least = max(objective.fewest_blocks, 4)
         if blocks < least:
             raise UsageError(f"{self.name}: blocks is {blocks}; give {least} or more")
+        if whole_number("num_rays", given["num_rays"]) < blocks:
+            raise UsageError(f"{self.name}: num_rays is {given['num_rays']}; give at least one for each of the {blocks} blocks")
         return objective
 
-    def asked(self, document: Json, objective: Objective) -> Asked:
-        """Return how a field is traced."""
+    def asked(self, document: Json, objective: Objective, least_rays: int = 0) -> Asked:
+        """Return how a field is traced, with ``least_rays`` or more."""
         given = self.given
         frozen = _state.optics.setdefault(given["optic"], _Frozen())
         depth = document["depth"] if given["max_depth"] is None else given["max_depth"]
         precision = frozen.precision if given["precision"] == "auto" and frozen.precision is not None else given["precision"]
-        asked = Asked(whole_number("num_rays", given["num_rays"]), whole_number("blocks", given["blocks"]),
+        asked = Asked(max(whole_number("num_rays", given["num_rays"]), least_rays), whole_number("blocks", given["blocks"]),
                       whole_number("seed", given["seed"]), whole_number("max_depth", depth), precision, objective.where)
         if not objective.guide:
             return asked
-        file, is_new = self._tracer.guide(without_depth(document), objective.where, max_depth=asked.max_depth, seed=asked.seed)
+        file, is_new = self._tracer.guide(without_depth(document), objective.where, max_depth=asked.max_depth, seed=asked.seed,
+                                             precision=asked.precision, known=frozen.guides)
         if is_new:
             source = document["sources"][0]["name"]
             _state.log.note(f"{self.name}: a guide was learned for {source}, and stays")
         return Asked(**{**asked.__dict__, "guide": file})
 
-    def maps_of(self, document: Json, objective: Objective, numbers: dict[str, float] | None = None) -> Maps:
+    def maps_of(self, document: Json, objective: Objective, numbers: dict[str, float] | None = None, least_rays: int = 0) -> Maps:
         """Return the maps of a field."""
-        asked = self.asked(document, objective)
+        asked = self.asked(document, objective, least_rays)
         plain = without_depth(document)
         found = self._tracer.maps(to_json(plain, indent=None), asked, numbers, plain["detectors"])
         if asked.precision == "auto":
             _state.optics[self.given["optic"]].precision = self._tracer.frozen.get("precision")
         return found
+
+    @property
+    def checked(self) -> dict[str, Any]:
+        """Return the gradients of the optic that were checked for light that crosses edges."""
+        return _state.optics[self.given["optic"]].checked
+
+    @property
+    def own(self) -> str:
+        """Return what tells this operand's gradients from those of others of the optic."""
+        return str((self.name, self._made, sorted((key, repr(value)) for key, value in self.given.items() if key != "optic")))
 
     @property
     def tracer(self) -> Tracer:
@@ -352,6 +417,15 @@ class _Evaluation:
             sources = [source for source in document["sources"] if source["name"] == name]
             found.append({**document, "sources": sources, "nsq_gpu": block, "depth": self._depth})
         return found
+
+
+def plain(document: Any) -> Any:
+    """Return a document whose numbers are plain ones."""
+    if isinstance(document, dict):
+        return {key: plain(value) for key, value in document.items()}
+    if isinstance(document, list):
+        return [plain(value) for value in document]
+    return float(document) if isinstance(document, float) else document
 
 
 def without_depth(document: Json) -> Json:

@@ -18,7 +18,7 @@ from nsq_gpu.design.maps import FEWEST_BLOCKS, Estimate, Maps, jackknife
 from nsq_gpu.design.objectives import Objective, check_objectives, merit
 from nsq_gpu.design.tracing import Asked, Json, Tracer
 from nsq_gpu.display import Displayed, Summary, number
-from nsq_gpu.errors import SceneError, UsageError
+from nsq_gpu.errors import NsqGpuWarning, SceneError, UsageError, warn
 from nsq_gpu.export.values import whole_number
 from nsq_gpu.gradients import _asked, warn_of_lost
 from nsq_gpu.scene_file import parsed
@@ -29,6 +29,10 @@ from nsq_gpu.units import unit_of
 GRADIENTS = ("auto", "reverse", "differences")
 #: Rays by which precision and depth are found, which then are frozen.
 _FIRST_RAYS = 64
+#: Rays of a trace that looks for light at edges, and how many such traces there are. The program takes no more for that.
+_CHECK_RAYS, _CHECKS = 2**15, 2
+#: A check holds for places whose variables differ by at most this share of their ranges; and where a stage begins or ends.
+CHECKED_NEAR, CHECKED_HERE = 0.1, 0.01
 #: By how much of itself the merit rises where second derivatives are found.
 _RISE = 0.03
 #: What is one trace: the filter, and whether rays are guided.
@@ -124,7 +128,7 @@ class Problem:
         self.bounds = np.array([_bounds(name, variables[name]) for name in self.names])
         if gradient not in GRADIENTS:
             raise UsageError(f"gradient is {gradient!r}; {near(str(gradient), GRADIENTS)}")
-        if not 0.0 < step <= 0.1:
+        if not (is_number(step) and 0.0 < step <= 0.1):
             raise UsageError(f"step is {step!r}; give a share of the range of a variable, more than 0 and at most 0.1")
         names, self._text, place = _asked(scene, self.names)
         program = find_binary(binary)
@@ -142,30 +146,45 @@ class Problem:
             start = session.numbers(self._text, names)
         #: The scene's own values of the variables, within bounds.
         self.x0 = np.clip(np.array([start[name] for name in names]), *self.bounds.T)
-        self._plain = Asked(whole_number("num_rays", num_rays), blocks, whole_number("seed", seed),
+        self._plain = Asked(whole_number("num_rays", num_rays) // blocks * blocks, blocks, whole_number("seed", seed),
                             None if max_depth is None else whole_number("max_depth", max_depth), precision)
-        if self._plain.num_rays < blocks:
+        if num_rays < blocks:
             raise UsageError(f"num_rays is {num_rays}; give at least one for each of the {blocks} blocks")
         self._gradient, self._step = gradient, float(step)
         self._by_differences: set[str] | None = None
+        #: Places where light at edges was looked for, as shares of ranges, by the operands' places.
+        self._checked: dict[int, list[np.ndarray]] = {}
+        #: Notes that a fresh log begins with.
+        self._notes: list[str] = []
         self._is_frozen = False
         self._gradients: dict[Any, Gradient] = {}
-        #: Notes of what was chosen; :meth:`minimize` adds its steps.
-        self.log = Log(self.names, self.labels, settings={})
+        #: Notes of what was chosen. Each :meth:`minimize` begins a log of its own, which then is this one.
+        self.log = self._fresh_log()
         for name, own, within in zip(names, start.values(), self.x0, strict=True):
             if own != within:
-                self.log.note(f"{name} is {own:g} in the scene, which is beyond its bounds; the start is {within:g}")
+                self._note(f"{name} is {own:g} in the scene, which is beyond its bounds; the start is {within:g}")
+        self._num_first = len(self._notes)
+
+    def _fresh_log(self) -> Log:
+        """Return a log without steps, which has the notes of what was chosen."""
+        return Log(self.names, self.labels, notes=[(0, said) for said in self._notes], settings={})
+
+    def _note(self, message: str) -> None:
+        """Keep a note of what was chosen, for all logs to come."""
+        if message not in self._notes:
+            self._notes.append(message)
+            self.log.note(message)
 
     # What is frozen
 
     @property
     def num_rays(self) -> int:
-        """Return the rays of a trace, in all blocks together."""
+        """Return the rays of a trace, in all blocks together: a multiple of the number of blocks."""
         return self._plain.num_rays
 
     @num_rays.setter
     def num_rays(self, count: int) -> None:
-        self._plain = replace(self._plain, num_rays=max(whole_number("num_rays", count), self._plain.blocks))
+        self._plain = replace(self._plain, num_rays=max(whole_number("num_rays", count) // self._plain.blocks, 1) * self._plain.blocks)
 
     def renew(self, seed: int | None = None) -> None:
         """Take other draws, and learn guides anew; the log has it. Values before and after are of different functions.
@@ -178,14 +197,16 @@ class Problem:
         self._tracer.forget()
         self._gradients.clear()
         self._by_differences = None
-        self.log.note(f"restart: seed {self._plain.seed}, and guides are learned anew")
+        self._checked.clear()
+        del self._notes[self._num_first:]
+        self._note(f"restart: seed {self._plain.seed}, and guides are learned anew")
 
     def settings(self) -> Json:
         """Return what is frozen, and what it is of."""
         self._freeze()
         return {"scene": hashlib.sha256(self._text.encode()).hexdigest(), "variables": {name: list(pair) for name, pair in
                 zip(self.names, self.bounds.tolist(), strict=True)}, "operands": [_described(of) for of in self.operands],
-                "seed": self._plain.seed, "blocks": self._plain.blocks, "precision": self._plain.precision,
+                "seed": self._plain.seed, "blocks": self._plain.blocks, "gradient": self._gradient, "step": self._step, "precision": self._plain.precision,
                 "max_depth": self._plain.max_depth}
 
     def _freeze(self) -> None:
@@ -213,7 +234,7 @@ class Problem:
             return asked
         file, is_new = self._tracer.guide(self._document, where, max_depth=asked.max_depth, seed=asked.seed)
         if is_new:
-            self.log.note(f"a guide was learned in the scene as it was given, for {where or 'all light'}, and stays")
+            self._note(f"a guide was learned in the scene as it was given, for {where or 'all light'}, and stays")
         return replace(asked, guide=file)
 
     # Values
@@ -228,7 +249,10 @@ class Problem:
             if missing:
                 raise UsageError(f"x lacks {', '.join(map(repr, missing))}")
             x = [x[name] for name in self.names]
-        values = np.asarray(x, dtype=float).ravel()
+        try:
+            values = np.asarray(x, dtype=float).ravel()
+        except (TypeError, ValueError):
+            raise UsageError(f"x is {x!r}; give a number for each of {', '.join(self.names)}") from None
         if values.shape != (len(self.names),):
             raise UsageError(f"x has {values.size} numbers; give {len(self.names)}, of {', '.join(self.names)}")
         if not np.isfinite(values).all():
@@ -259,7 +283,13 @@ class Problem:
 
     def _numbers(self, x: Any) -> dict[str, float]:
         self._freeze()
-        return self.numbers(self.x0 if x is None else x)
+        numbers = self.numbers(self.x0 if x is None else x)
+        beyond = [f"{name} = {value:g}" for (name, value), (low, high) in zip(numbers.items(), self.bounds, strict=True)
+                  if not low - 1e-9 * (high - low) <= value <= high + 1e-9 * (high - low)]
+        if beyond:
+            warn(f"{', '.join(beyond)}: beyond the bounds of the problem, and traced all the same; give the problem wider bounds",
+                 NsqGpuWarning)
+        return numbers
 
     def _groups(self, numbers: Mapping[str, float], groups: Sequence[_Group] | None = None) -> dict[_Group, Maps]:
         """Return the maps of each group of operands, which share a trace."""
@@ -289,12 +319,17 @@ class Problem:
         known = self._gradients.get(key)
         if known is not None and not (errors and np.isnan(known.standard_errors).any()):
             return known
-        by_differences = self._chosen(numbers)
+        self._choose(numbers, CHECKED_NEAR)
         count, size = self._plain.blocks, len(self.names)
         values, influences = np.zeros(size), np.full((count, size), np.nan)
-        walked = [index for index, name in enumerate(self.names) if name not in by_differences]
-        if walked:
-            values[walked], influences[:, walked] = self._walked(numbers, [self.names[index] for index in walked], errors)
+        while walked := [index for index, name in enumerate(self.names) if name not in self._found_by_differences]:
+            names = [self.names[index] for index in walked]
+            try:
+                values[walked], influences[:, walked] = self._walked(numbers, names, errors)
+                break
+            except UsageError as error:
+                self._take_differences(error, names)
+        by_differences = self._found_by_differences
         for index, name in enumerate(self.names):
             if name in by_differences:
                 values[index], influences[:, index] = self._difference(numbers, index)
@@ -306,33 +341,70 @@ class Problem:
         self._gradients[key] = found
         return found
 
-    def _chosen(self, numbers: Mapping[str, float]) -> set[str]:
-        """Return the variables whose derivatives are differences; decide it once, and note why."""
-        if self._by_differences is not None:
-            return self._by_differences
-        if self._gradient == "differences":
-            self._by_differences = set(self.names)
-            return self._by_differences
-        why = self._no_reverse()
-        if why is None:
+    @property
+    def _found_by_differences(self) -> set[str]:
+        """Return the variables whose derivatives are differences."""
+        return self._by_differences or set()
+
+    def _choose(self, numbers: Mapping[str, float], near_by: float) -> bool:
+        """Decide which derivatives are differences, and note why; return whether there are more of them than before.
+
+        Light comes to edges somewhere on the way, so what was decided far from here is looked at again.
+        """
+        before = set(self._found_by_differences)
+        if self._by_differences is None:
+            self._by_differences = set()
+            why = self._no_reverse() if self._gradient != "differences" else None
+            if why is not None:
+                self._all_by_differences(why)
+            elif self._gradient == "differences":
+                self._by_differences = set(self.names)
+        names = [name for name in self.names if name not in self._found_by_differences]
+        while names:
             try:
-                crossed = self._not_confirmed(numbers)
+                crossed = self._not_confirmed(numbers, names, near_by)
             except UsageError as error:
-                why, crossed = str(error), set()
-        if why is not None:
-            if self._gradient == "reverse":
-                raise UsageError(f"{why}; take gradient='differences', or 'auto'")
-            self.log.note(f"gradients are differences by common draws: {why}")
-            crossed = set(self.names)
-        elif crossed:
-            listed = ", ".join(sorted(crossed))
-            if self._gradient == "reverse":
-                self.log.note(f"light crosses edges where {listed} changes; the gradient leaves that light out, as asked")
-                crossed = set()
+                self._take_differences(error, names)
             else:
-                self.log.note(f"light crosses edges where {listed} changes; its derivative is a difference by common draws")
-        self._by_differences = crossed
-        return crossed
+                if crossed:
+                    self._note_crossed(crossed)
+                break
+            names = [name for name in self.names if name not in self._found_by_differences]
+        if self._found_by_differences == before:
+            return False
+        self._gradients.clear()
+        return True
+
+    def _all_by_differences(self, why: str) -> None:
+        """Take differences for all variables.
+
+        Raises:
+            UsageError: Rays were to be walked back.
+        """
+        if self._gradient == "reverse":
+            self._by_differences = None
+            raise UsageError(f"{why}; take gradient='differences', or 'auto'")
+        self._note(f"gradients are differences by common draws: {why}")
+        self._by_differences = set(self.names)
+
+    def _take_differences(self, error: UsageError, names: Sequence[str]) -> None:
+        """Take differences for the variables that an error names as those of edges alone; where it names none, for all."""
+        alone = {name for name in names if f"`{name}` acts at edges alone" in str(error)}
+        if not alone or self._gradient == "reverse":
+            self._all_by_differences(str(error))
+            return
+        self._note(f"{', '.join(sorted(alone))} acts at edges alone; its derivative is a difference by common draws")
+        self._by_differences = self._found_by_differences | alone
+        self._gradients.clear()
+
+    def _note_crossed(self, crossed: set[str]) -> None:
+        """Note that light crosses edges, and take differences unless rays were to be walked back."""
+        listed = ", ".join(sorted(crossed))
+        if self._gradient == "reverse":
+            self._note(f"light crosses edges where {listed} changes; the gradient leaves that light out, as asked")
+            return
+        self._note(f"light crosses edges where {listed} changes; its derivative is a difference by common draws")
+        self._by_differences = self._found_by_differences | crossed
 
     def _no_reverse(self) -> str | None:
         """Return why rays cannot be walked back; None where they can."""
@@ -343,14 +415,41 @@ class Problem:
         hard = next((of.detector for of in self.operands if splats[of.detector] == "hard"), None)
         return None if hard is None else f"pixels of {hard} are hard, and a ray that moves within one changes nothing"
 
-    def _not_confirmed(self, numbers: Mapping[str, float]) -> set[str]:
-        """Return the variables by which a short difference of two traces does not confirm derivatives of the interior."""
-        groups, crossed = self._groups(numbers), set()
-        for group, adjoints in self._adjoints(groups).items():
-            of_block = {name: array[0] for name, array in adjoints.items()}
-            _, answer = self._tracer.gradient(self._text, self._asked(group), 0, self.names, of_block, numbers, check_edges=True)
-            crossed |= {row["parameter"] for row in answer["not_confirmed"]}
+    def _not_confirmed(self, numbers: Mapping[str, float], names: Sequence[str], near_by: float) -> set[str]:
+        """Return the variables by which short differences of two traces do not confirm derivatives of the interior.
+
+        Each operand's own value is checked, since a merit says nothing of an operand that is met. An operand is looked at where it
+        was not yet, which means no nearer than ``near_by``. The rays are others than those of the blocks, and many: few rays see
+        little of an edge. They count for no budget.
+        """
+        place = self._shares_of(numbers)
+        if self._gradient == "reverse":
+            # The log says it once, and nothing else depends on it.
+            near_by = np.inf
+        due = [index for index in range(len(self.operands))
+               if all(np.abs(place - known).max() > near_by for known in self._checked.get(index, []))]
+        if not due:
+            return set()
+        groups, crossed, spent = self._groups(numbers), set(), self._tracer.num_rays
+        for index in due:
+            of = self.operands[index]
+            group = of.where, of.guide
+            adjoints = {name: np.asarray(array).sum(axis=0) for name, array in of.value_and_adjoints(groups[group])[1].items()}
+            if not all(np.isfinite(array).all() for array in adjoints.values()) or not any(array.any() for array in adjoints.values()):
+                # No light, or so: this place has no verdict.
+                continue
+            for check in range(_CHECKS):
+                asked = replace(self._asked(group), num_rays=_CHECK_RAYS, blocks=1, seed=self._plain.seed + 2**32 + check)
+                _, answer = self._tracer.gradient(self._text, asked, 0, names, adjoints, numbers, check_edges=True)
+                crossed |= {row["parameter"] for row in answer["not_confirmed"]}
+            self._checked.setdefault(index, []).append(place)
+        self._tracer.num_rays = spent
         return crossed
+
+    def _shares_of(self, numbers: Mapping[str, float]) -> np.ndarray:
+        """Return variables as shares of their ranges."""
+        low, high = self.bounds.T
+        return np.asarray((np.array(list(numbers.values())) - low) / (high - low))
 
     def _adjoints(self, groups: Mapping[_Group, Maps]) -> dict[_Group, dict[str, np.ndarray]]:
         """Return what the merit gains by a watt in each pixel of each block, by group and detector."""
@@ -477,27 +576,31 @@ class Problem:
                  resume: Log | str | os.PathLike[str] | None = None, **options: Any) -> Any:
         """Look for the variables of the least merit; return a :class:`nsq_gpu.design.Design`.
 
-        A stage has one number of rays. It ends where noise decides: where each component of the gradient is below twice its
-        standard error, or where the optimiser has converged. The next stage begins at the best place with ``growth`` times the rays.
-        Within a stage, and so within a line search, nothing is renewed.
+        A stage has one number of rays. It ends where noise decides, or where the optimiser has converged. Noise decides where the
+        whole gradient is what noise makes of none, by Hotelling's test: a component may be within its error while all together are
+        not. The next stage begins at the best place with ``growth`` times the rays. Within a stage, and so within a line search,
+        nothing is renewed. Where a stage begins and ends, light at edges is looked for again.
+
+        Each call has a log of its own, and leaves ``num_rays`` as it was.
 
         Args:
             method: A method of ``scipy.optimize.minimize``, ``"differential_evolution"``, or a class of ``torch.optim``, such as
                 ``"Adam"``.
             x0: Where to begin. None takes the scene's own numbers.
             max_rays: Rays of a trace in the last stage. None takes 16 times ``num_rays``.
-            budget: Rays of all traces together, after which no step begins. None has no end.
-            steps: Most steps, in all stages together.
+            budget: Rays of all traces together, after which no step begins; rays that look for edges do not count. None has no end.
+            steps: Most steps of this call, in all stages together.
             growth: By which factor rays grow from stage to stage.
             tolerance: Where an optimiser has converged: change of the merit over itself, or of variables over their range.
             errors: True finds standard errors of the variables at the end, by differences of gradients.
             callback: Called after each step with the :class:`nsq_gpu.design.Step`; a true answer stops.
-            log: File to which the log is written after each step.
+            log: File to which the log is written after each step. A file that exists is refused, unless ``resume`` names it, too.
             resume: Log of an optimisation that was stopped, or its file: go on from its best place.
             options: Further options: of ``torch.optim`` such as ``lr``, of SciPy's method else.
 
         Raises:
-            UsageError: An argument makes no sense, or the log is of another problem.
+            UsageError: An argument makes no sense, the log is of another problem, or no light comes to a detector at the start.
+            NsqGpuError: A trace failed. After a step, ``partial`` is the best design so far.
             Interrupted: Ctrl-C ended it; ``partial`` is the best design so far.
         """
         from nsq_gpu.design.minimizing import minimize
@@ -549,10 +652,31 @@ def _labels(operands: Sequence[Objective]) -> list[str]:
 
 def _described(of: Objective) -> str:
     """Return an operand as a text, by which a log knows it again."""
-    fields = {name: value for name, value in vars(of).items() if not callable(value)}
-    shown = {name: hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()[:16] if isinstance(value, np.ndarray) else value
-             for name, value in fields.items()}
+    shown = {name: _shown(value) for name, value in vars(of).items()}
     return f"{type(of).__name__}({', '.join(f'{name}={value!r}' for name, value in shown.items())})"
+
+
+def _shown(value: Any) -> Any:
+    """Return a field of an operand; of an array its hash, and of a function its name with its code's hash."""
+    if isinstance(value, np.ndarray):
+        return hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()[:16]
+    if not callable(value):
+        return value
+    code = getattr(value, "__code__", None)
+    said = "" if code is None else hashlib.sha256(_code(code).encode()).hexdigest()[:16]
+    return f"{getattr(value, '__module__', '')}.{getattr(value, '__qualname__', type(value).__qualname__)} {said}".strip()
+
+
+def _code(code: Any) -> str:
+    """Return what a function does, as a text without places in memory."""
+    constants = [_code(of) if hasattr(of, "co_code") else repr(sorted(map(repr, of))) if isinstance(of, frozenset) else repr(of)
+                 for of in code.co_consts]
+    return repr((code.co_code, code.co_names, constants))
+
+
+def is_number(value: object) -> bool:
+    """Tell whether a value is a finite number."""
+    return isinstance(value, int | float | np.number) and not isinstance(value, bool) and bool(np.isfinite(value))
 
 
 def _without(groups: Mapping[_Group, Maps], block: int) -> dict[_Group, Maps]:

@@ -11,14 +11,20 @@ import torch
 from torch.autograd.function import once_differentiable
 
 from nsq_gpu.design.objectives import Objective, RmsRadius
-from nsq_gpu.design.steps import scale_of
+from nsq_gpu.design.steps import scale_of, step_between
 from nsq_gpu.errors import SceneError, UsageError
 from nsq_gpu.export import to_json
 
 #: Length of a step, over the scale of a number. Sizes that from_optic finds stay, so a longer step would make light miss them.
 _STEP = 2e-3
-#: Shapes of scenes whose gradients were checked for light that crosses edges, and whether the check has confirmed them.
-_checked: dict[str, bool] = {}
+#: Fewest rays of a field by which a gradient is checked for light that crosses edges: few rays do so.
+_CHECK_RAYS = 50_000
+#: Length of that check's step, over the scale of a number.
+_CHECK_STEP = 2e-3
+#: It is done again where a number has changed by so much, over its scale.
+_AGAIN = 0.05
+#: Light crosses edges where the two ways are apart by more than so many standard errors, and this share of the derivative.
+_SIGMAS, _MOST_APART = 3.0, 0.02
 
 
 class Number(torch.autograd.Function):  # type: ignore[misc, unused-ignore]
@@ -41,17 +47,21 @@ class Number(torch.autograd.Function):  # type: ignore[misc, unused-ignore]
 
 def operand_on_graph(evaluation: Any, exported: Any, fields: Sequence[str], objective: Objective) -> torch.Tensor:
     """Return an operand's value as a tensor, on the graph of the numbers that the optimiser may change."""
-    documents = evaluation.alone(_plain(exported.document), fields)
-    maps = [evaluation.maps_of(document, objective) for document in documents]
-    value = evaluation.of(objective, maps)
+    from nsq_gpu.design.operands import plain
+
+    document = plain(exported.document)
     wanted = _of_variables(exported.wanted) if torch.is_grad_enabled() else {}
     if not wanted:
-        constant: Any = be.array(value)
+        # An optimiser without gradients may take differences over tiny steps.
+        constant: Any = be.array(evaluation.number(document, fields, objective))
         return constant.detach()  # type: ignore[no-any-return]
+    documents = evaluation.alone(document, fields)
+    maps = [evaluation.maps_of(document, objective) for document in documents]
+    has_parameters = any(isinstance(leaf, torch.nn.Parameter) for leaf in _leaves(wanted.values()))
+    value = evaluation.of(objective, maps) if has_parameters else evaluation.number(document, fields, objective)
     if objective.has_adjoints:
         def walked() -> list[float]:
-            found = _walked_back(evaluation, documents, maps, objective, value, list(wanted))
-            return found if found is not None else _by_numbers(evaluation, documents, objective, list(wanted))
+            return _gradient(evaluation, documents, maps, objective, list(wanted))
 
         return Number.apply(value, walked, *wanted.values())
     leaves = _leaves(wanted.values())
@@ -63,15 +73,6 @@ def operand_on_graph(evaluation: Any, exported: Any, fields: Sequence[str], obje
         return [np.array([_difference(evaluation, documents, objective, slope) for slope in of_leaf]) for of_leaf in slopes]
 
     return Number.apply(value, differences, *leaves)
-
-
-def _plain(document: Any) -> Any:
-    """Return a document whose numbers are plain ones."""
-    if isinstance(document, dict):
-        return {key: _plain(value) for key, value in document.items()}
-    if isinstance(document, list):
-        return [_plain(value) for value in document]
-    return float(document) if isinstance(document, float) else document
 
 
 def _leaves(tensors: Any) -> list[torch.Tensor]:
@@ -115,47 +116,85 @@ def _slopes(wanted: dict[str, torch.Tensor], leaf: torch.Tensor) -> list[dict[st
     return found
 
 
-def _walked_back(evaluation: Any, documents: Sequence[Any], maps: Sequence[Any], objective: Objective, value: float,
-                 names: list[str]) -> list[float] | None:
-    """Return the gradient by walking rays back; None where rays cannot be, or light crosses edges, and the log says so."""
-    from nsq_gpu.design.operands import together, without_depth
-    from nsq_gpu.edges import shape_of
+def _gradient(evaluation: Any, documents: Sequence[Any], maps: Sequence[Any], objective: Objective, names: list[str]) -> list[float]:
+    """Return the gradient by walking rays back, and by differences where rays cannot be, or light crosses edges; the log says so."""
+    found: dict[str, float] = {}
+    try:
+        crossed = _crossed(evaluation, documents, objective, names)
+        walked = [name for name in names if name not in crossed]
+        if walked:
+            parts = _parts(evaluation, documents, maps, _adjoints(evaluation, maps, objective), objective, walked)
+            found = dict(zip(walked, parts.sum(axis=0).tolist(), strict=True))
+    except (SceneError, UsageError) as error:
+        evaluation.log.note_once(f"{evaluation.name}: differences by common draws take the place of its gradient: {error}")
+    return [found[name] if name in found else _difference(evaluation, documents, objective, {name: 1.0}) for name in names]
 
-    shape = shape_of([without_depth(document) for document in documents], {"where": objective.where}, [*names, evaluation.name])
-    if not _checked.get(shape, True):
-        return None
-    gradient = np.zeros(len(names))
-    whole = None if isinstance(objective, RmsRadius) else objective.value_and_adjoints(together(maps))[1]
-    for document, of_field in zip(documents, maps, strict=True):
-        if whole is None:
-            radius, adjoints = objective.value_and_adjoints(of_field)
-            adjoints = {name: array * (radius / (value * len(maps))) for name, array in adjoints.items()}
-        else:
-            adjoints = whole
-        asked, text = evaluation.asked(document, objective), to_json(without_depth(document), indent=None)
+
+def _adjoints(evaluation: Any, maps: Sequence[Any], objective: Objective) -> list[dict[str, np.ndarray]]:
+    """Return what the value gains by a watt in each pixel of each block, by field and detector."""
+    from nsq_gpu.design.operands import together
+
+    if not isinstance(objective, RmsRadius):
+        return [objective.value_and_adjoints(together(maps))[1]] * len(maps)
+    value = evaluation.of(objective, maps)
+    found = []
+    for of_field in maps:
+        radius, adjoints = objective.value_and_adjoints(of_field)
+        found.append({name: array * (radius / (value * len(maps))) for name, array in adjoints.items()})
+    return found
+
+
+def _parts(evaluation: Any, documents: Sequence[Any], maps: Sequence[Any], adjoints: Sequence[dict[str, np.ndarray]],
+           objective: Objective, names: list[str], least_rays: int = 0) -> np.ndarray:
+    """Return what each block of rays adds to the gradient, shape (blocks, names), by walking them back."""
+    from nsq_gpu.design.operands import without_depth
+
+    found = np.zeros((next(iter(maps[0].values())).num_blocks, len(names)))
+    for document, of_field in zip(documents, adjoints, strict=True):
+        asked, text = evaluation.asked(document, objective, least_rays), to_json(without_depth(document), indent=None)
         for block in range(asked.blocks):
-            of_block = {name: array[block] for name, array in adjoints.items()}
-            is_due = block == 0 and shape not in _checked
-            try:
-                found, answer = evaluation.tracer.gradient(text, asked, block, names, of_block, check_edges=is_due)
-            except (SceneError, UsageError) as error:
-                _checked[shape] = False
-                evaluation.log.note_once(f"{evaluation.name}: differences by common draws take the place of its gradient: {error}")
-                return None
-            if is_due and answer["not_confirmed"]:
-                _checked[shape] = False
-                crossed = ", ".join(row["parameter"] for row in answer["not_confirmed"])
-                evaluation.log.note_once(f"{evaluation.name}: light crosses edges where {crossed} changes; differences by common draws "
-                                         "take the place of its gradient")
-                return None
-            gradient += found
-    _checked[shape] = True
-    return list(gradient)
+            of_block = {name: array[block] for name, array in of_field.items()}
+            found[block] += evaluation.tracer.gradient(text, asked, block, names, of_block)[0]
+    return found
 
 
-def _by_numbers(evaluation: Any, documents: Sequence[Any], objective: Objective, names: Sequence[str]) -> list[float]:
-    """Return the gradient by differences, a number at a time."""
-    return [_difference(evaluation, documents, objective, {name: 1.0}) for name in names]
+def _crossed(evaluation: Any, documents: Sequence[Any], objective: Objective, names: list[str]) -> set[str]:
+    """Return the numbers by which differences of traces do not confirm that rays are walked back.
+
+    All blocks are compared, with common draws. It is done again where a number of the scene has changed by a few percent.
+    """
+    from nsq_gpu.design.operands import without_depth
+
+    key = str((evaluation.own, names))
+    if key in evaluation.checked:
+        before, crossed = evaluation.checked[key]
+        change = step_between(before, documents[0])
+        if change is not None and change <= _AGAIN:
+            return set(crossed)
+    here = evaluation.tracer.session.numbers(to_json(without_depth(documents[0]), indent=None), names)
+    maps = [evaluation.maps_of(document, objective, None, _CHECK_RAYS) for document in documents]
+    adjoints = _adjoints(evaluation, maps, objective)
+    parts = _parts(evaluation, documents, maps, adjoints, objective, names, _CHECK_RAYS)
+    crossed, is_dark = set(), not any(array.any() for of_field in adjoints for array in of_field.values())
+    for column, name in enumerate(names):
+        step = _CHECK_STEP * _scale(name, here[name])
+        by_blocks = np.zeros(len(parts))
+        for document, of_field in zip(documents, adjoints, strict=True):
+            for side in (-1.0, 1.0):
+                moved = evaluation.maps_of(document, objective, {name: here[name] + side * step}, _CHECK_RAYS)
+                by_blocks += side * sum((array * moved[detector].flux).sum(axis=(1, 2)) for detector, array in of_field.items()) / (2.0 * step)
+        apart = by_blocks - parts[:, column]
+        # Each block's share is a part of a sum.
+        error = float(apart.std(ddof=1) * np.sqrt(len(apart)))
+        least = _MOST_APART * max(abs(by_blocks.sum()), abs(parts[:, column].sum()))
+        if abs(apart.sum()) > _SIGMAS * error + least:
+            crossed.add(name)
+    if crossed:
+        evaluation.log.note_once(f"{evaluation.name}: light crosses edges where {', '.join(sorted(crossed))} changes; differences by "
+                                 "common draws take the place of its gradient")
+    if not is_dark:
+        evaluation.checked[key] = documents[0], crossed
+    return crossed
 
 
 def _difference(evaluation: Any, documents: Sequence[Any], objective: Objective, slope: dict[str, float]) -> float:

@@ -28,6 +28,8 @@ Json = dict[str, Any]
 _MOST_KEPT, _MOST_BYTES = 128, 2**28
 #: Rays of the trace that writes a guide. The pilot before it has rays of its own.
 _GUIDE_RAYS = 1000
+#: Keys of a scene that name files.
+_OF_FILES = ("file", "path")
 #: Words of warnings that are no news of a block, which has few rays.
 _OF_BLOCKS = ("noise", "the flux of detector", "no light", "no ray")
 
@@ -51,9 +53,14 @@ class Asked:
     #: File of the guide; None of plain rays.
     guide: str | None = None
 
+    @property
+    def num_traced(self) -> int:
+        """Return the rays that are traced: all blocks have the same number."""
+        return max(self.num_rays // self.blocks, 1) * self.blocks
+
     def options(self, block: int) -> Json:
         """Return the options of a block."""
-        named = {"num_rays": max(self.num_rays // self.blocks, 1), "seed": block_seeds(self.seed, self.blocks)[block],
+        named = {"num_rays": self.num_traced // self.blocks, "seed": block_seeds(self.seed, self.blocks)[block],
                  "max_depth": self.max_depth, "precision": self.precision, "where": self.where, "guide_from": self.guide}
         return {key: value for key, value in named.items() if value is not None}
 
@@ -68,6 +75,7 @@ class Tracer:
         self.place: dict[str, Any] = {"name": name, "folder": folder}
         self._kept: OrderedDict[str, Maps] = OrderedDict()
         self._guides: dict[str, str] = {}
+        self._num_guides = 0
         self._folder = tempfile.TemporaryDirectory(prefix="nsq-gpu-")
         self._known: set[str] = set()
         #: Traces of a block that were made, and rays of these.
@@ -124,27 +132,43 @@ class Tracer:
         self.num_rays += asked.options(block)["num_rays"]
         return np.array(answer["values"], dtype=float), answer
 
-    def guide(self, document: Json, where: str | None, *, max_depth: int | None = None, seed: int = 0) -> tuple[str, bool]:
-        """Return the file of a guide for scenes of this shape, and whether it was learned now."""
+    def guide(self, document: Json, where: str | None, *, max_depth: int | None = None, seed: int = 0, precision: str = "auto",
+              known: dict[str, str] | None = None) -> tuple[str, bool]:
+        """Return the file of a guide for scenes of this shape, and whether it was learned now.
+
+        ``known`` has the guides of one optic, and gains what is learned. None takes those of this tracer.
+        """
+        known = self._guides if known is None else known
         shape = shape_of(_guided_shape(document), {"where": where}, ()) + f"-{max_depth}-{seed}"
-        if shape in self._guides:
-            return self._guides[shape], False
+        if shape in known:
+            return known[shape], False
         folder = Path(self._folder.name)
-        scene, guide = folder / "scene.json", folder / f"guide_{len(self._guides)}.json"
-        scene.write_text(to_json(document, indent=None), encoding="utf-8")
+        scene, guide = folder / "scene.json", folder / f"guide_{self._num_guides}.json"
+        scene.write_text(to_json(_with_whole_paths(document, Path(self.place["folder"] or "")), indent=None), encoding="utf-8")
         command = [self._program, "trace", str(scene), "-n", str(_GUIDE_RAYS), "--guide", f"--guide-to={guide}", f"--seed={seed}",
-                   f"--output={folder / f'out_{len(self._guides)}'}", "--no-pictures", "--progress=never", "--watch-stdin"]
+                   f"--output={folder / f'out_{self._num_guides}'}", "--no-pictures", "--progress=never", "--watch-stdin"]
         command += [f"--where={where}"] * (where is not None) + [f"--max-depth={max_depth}"] * (max_depth is not None)
+        adapter = self.session._adapter
+        command += [f"--adapter={adapter}"] * (adapter is not None) + [f"--precision={precision}"] * (precision != "auto")
         try:
             run(command)
         except NsqGpuError as error:
             raise type(error)(str(error).replace(f"{scene}: ", f"{self.place['name']}: "), stderr=error.stderr) from None
-        self._guides[shape] = str(guide)
+        self._num_guides += 1
+        known[shape] = str(guide)
         return str(guide), True
 
     def forget_guides(self) -> None:
         """Drop the guides; the next trace learns one anew."""
         self._guides.clear()
+
+
+def _with_whole_paths(tree: Any, folder: Path) -> Any:
+    """Return a scene in which files are named by their whole paths, so that it may lie in another folder."""
+    if isinstance(tree, dict):
+        return {key: str((folder / value).resolve()) if key in _OF_FILES and isinstance(value, str) and (folder / value).is_file()
+                else _with_whole_paths(value, folder) for key, value in tree.items()}
+    return [_with_whole_paths(value, folder) for value in tree] if isinstance(tree, list) else tree
 
 
 def _bytes(maps: Maps) -> int:
