@@ -24,15 +24,17 @@ def check_options(where: object, edges: object) -> None:
 
 def shape_of(document: object, options: Mapping[str, Any], names: Iterable[str]) -> str:
     """Return what scenes have in common that differ in their numbers alone, traced by the same filter."""
-    def shape(value: object) -> object:
-        if isinstance(value, Mapping):
-            return {key: shape(inner) for key, inner in value.items()}
-        if isinstance(value, list | tuple):
-            return [shape(inner) for inner in value]
-        return value if isinstance(value, str | bool) else None
-
-    text = json.dumps([shape(document), options.get("where"), sorted(names)])
+    text = json.dumps([without_numbers(document), options.get("where"), sorted(names)])
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def without_numbers(document: object) -> object:
+    """Return a document with 0 in the place of each number."""
+    if isinstance(document, Mapping):
+        return {key: without_numbers(value) for key, value in document.items()}
+    if isinstance(document, list | tuple):
+        return [without_numbers(value) for value in document]
+    return document if isinstance(document, str | bool) or document is None else 0
 
 
 def warn_of_edges(not_confirmed: Iterable[Mapping[str, Any]]) -> None:

@@ -122,10 +122,9 @@ class VeilingGlare(Displayed):
         Returns:
             The axes.
         """
-        if ax is None:
-            import matplotlib.pyplot as plt
+        from nsq_gpu.plotting import _axes
 
-            ax = plt.subplots(layout="constrained")[1]
+        ax = _axes(ax)
         for z, azimuth in enumerate(self.azimuths_deg):
             ax.errorbar(self.angles_deg, 100.0 * self.index[:, z], 100.0 * self.standard_error[:, z],
                         **{"label": f"azimuth {azimuth:g}°", "marker": ".", "capsize": 2, **options})

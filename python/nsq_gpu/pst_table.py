@@ -128,10 +128,9 @@ class PstResult(Displayed):
         if by not in (None, *_BY):
             raise UsageError(f"by is {by!r}; give 'first_scatterer', 'order', or None")
         lines = self._lines(by, self._azimuths(by, azimuth_deg))
-        if ax is None:
-            import matplotlib.pyplot as plt
+        from nsq_gpu.plotting import _axes
 
-            ax = plt.subplots(layout="constrained")[1]
+        ax = _axes(ax)
         for label, (values, errors) in lines.items():
             seen = values > 0.0
             if not seen.any():

@@ -16,8 +16,7 @@ from optiland.optimization.operand.operand import operand_registry  # noqa: E402
 
 import nsq_gpu  # noqa: E402
 from nsq_gpu.design import Flux, TorchFunction  # noqa: E402
-from tests import live  # noqa: E402
-from tests.test_design_operands import DIRECT, optic, sequential_focus, singlet, spot  # noqa: E402
+from tests.test_design_operands import DIRECT, optic, program, sequential_focus, singlet, spot  # noqa: E402, F401
 from tests.test_design_problem import problem  # noqa: E402
 from tests.test_design_problem import singlet as scene_of_singlet  # noqa: E402
 
@@ -25,11 +24,8 @@ torch.set_num_threads(1)
 
 
 @pytest.fixture(autouse=True)
-def program(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    monkeypatch.setenv("NSQ_GPU_BINARY", live.binary())
-    nsq_gpu.register_operands()
-    with live.quiet():
-        yield
+def as_it_was(program: None) -> Iterator[None]:
+    yield
     with_torch()
     be.grad_mode.disable()
     be.set_backend("numpy")

@@ -224,14 +224,14 @@ def test_arguments_that_make_no_sense_are_refused(tmp_path: Path) -> None:
 # The program
 
 
-def recorded(folder: Path) -> Path:
-    """Return the rays that the program recorded behind a lens, as its file has them."""
+def recorded(folder: Path, *arguments: str) -> Path:
+    """Return the rays that the program recorded behind a lens, as its file has them; it may take more arguments."""
     scene = NSQScene()
     scene.add_source("lamp", cs(z=-20.0), PointSourceConfig(two_lines(), half_angle_deg=25.0, total_flux=3.0))
     scene.add_lens("L", cs(), LensConfig(60.0, -60.0, 5.0, glass(), 12.0))
     scene.add_detector("plane", cs(z=8.0), RayDatabaseConfig(30.0, 30.0))
     nsq_gpu.export_scene(scene, folder / "scene.json")
-    process.run([live.binary(), "trace", str(folder / "scene.json"), "-n", "500", "-o", str(folder / "out")], None)
+    process.run([live.binary(), "trace", str(folder / "scene.json"), "-n", "500", "-o", str(folder / "out"), *arguments], None)
     return folder / "out" / "plane.npz"
 
 

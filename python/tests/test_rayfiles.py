@@ -11,26 +11,24 @@ from typing import Any
 
 import numpy as np
 import pytest
-from optiland.nonsequential import NSQScene
 from optiland.nonsequential.backends.numpy_backend import NumpyBackend
 from optiland.nonsequential.components.configs import LensConfig
-from optiland.nonsequential.detectors.configs import RayDatabaseConfig
 from optiland.nonsequential.rng import NSQRng
 from optiland.nonsequential.sources.base import Spectrum
-from optiland.nonsequential.sources.configs import PointSourceConfig
 
 import nsq_gpu
-from nsq_gpu import process, rayfiles
+from nsq_gpu import rayfiles
 from nsq_gpu.photometry import luminous_efficacy
 from nsq_gpu.scene_file import scene_from_dict
 from tests import live
-from tests.live import cs, glass, two_lines
+from tests.live import cs, glass
 from tests.test_ray_source import (
     Columns,
     assert_refused_by_the_program,
     assert_same_rays,
     columns,
     document,
+    recorded,
     source,
     with_source,
 )
@@ -205,13 +203,7 @@ def test_lengths_have_the_unit_of_the_file(tmp_path: Path) -> None:
 
 def test_the_rays_that_the_program_writes_are_read(tmp_path: Path) -> None:
     """``trace --rays-out`` and the columns of the same ray database hold the same rays."""
-    scene = NSQScene()
-    scene.add_source("lamp", cs(z=-20.0), PointSourceConfig(two_lines(), half_angle_deg=25.0, total_flux=3.0))
-    scene.add_lens("L", cs(), LensConfig(60.0, -60.0, 5.0, glass(), 12.0))
-    scene.add_detector("plane", cs(z=8.0), RayDatabaseConfig(30.0, 30.0))
-    nsq_gpu.export_scene(scene, tmp_path / "scene.json")
-    process.run([live.binary(), "trace", str(tmp_path / "scene.json"), "-n", "500", "-o", str(tmp_path / "out"), "--rays-out",
-                 str(tmp_path / "plane.tm25ray")], None)
+    recorded(tmp_path, "--rays-out", str(tmp_path / "plane.tm25ray"))
     read, expected = (rayfiles.read(str(tmp_path / name)) for name in ("plane.tm25ray", "out/plane.npz"))
     assert len(read.flux) == len(expected.flux) > 100 and read.unit == expected.unit == "W" and read.stated is None
     for key in ("starts", "directions", "flux", "wavelength"):

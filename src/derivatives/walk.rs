@@ -9,7 +9,6 @@ use crate::engine::retrace::{After, Batch, Retrace, Retracing, trace_again};
 use crate::engine::stages::ExtraBindings;
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
-use crate::model::sources::rays::MOST_UPLOADED;
 use crate::model::{Precision, SceneIr};
 use crate::paths::followed::FollowedPaths;
 use crate::program::RayRange;
@@ -108,7 +107,7 @@ impl<'a> Walker<'a> {
         let bytes_of = |rays: u64| rays.div_ceil(rays_per_invocation) * (num_sums * size) as u64;
         let most = MOST_RAYS.min(MOST_BYTES / bytes_of(1) * rays_per_invocation);
         let most = most.min(u64::from(plan.options.batch_size.unwrap_or(u32::MAX)));
-        let most = if program.features.uploads_rays() { most.min(MOST_UPLOADED.into()) } else { most };
+        let most = most.min(program.most_uploaded().into());
         // Sums of whole invocations: the same rays share one, whatever the batch.
         let most = (most / rays_per_invocation).max(1) * rays_per_invocation;
         let room = bytes_of(most.min(plan.num_rays));

@@ -7,7 +7,6 @@ use crate::engine::rounds::unasked;
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::model::ray_id;
-use crate::model::sources::rays::MOST_UPLOADED;
 use crate::program::Program;
 
 /// Rays in one dispatch, where nothing else limits them.
@@ -57,9 +56,15 @@ impl DispatchLimits {
             _ => u32::MAX,
         };
         let counted = (MAX_COUNTS_PER_PASS / counts_unasked(program)).min(1 << 30) as u32;
-        let uploaded = if program.features.uploads_rays() { MOST_UPLOADED } else { u32::MAX };
         let families = program.splitting.map_or(u32::MAX, |splitting| 1 << splitting.index_bits());
-        wanted.min(self.most_rays).min(events).min(queued).min(counted).min(uploaded).min(families).max(1)
+        wanted
+            .min(self.most_rays)
+            .min(events)
+            .min(queued)
+            .min(counted)
+            .min(program.most_uploaded())
+            .min(families)
+            .max(1)
     }
 
     /// The fewest rays with which every processor still has enough workgroups.

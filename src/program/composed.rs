@@ -2,6 +2,7 @@
 
 use crate::error::Result;
 use crate::model::Precision;
+use crate::model::sources::rays::MOST_UPLOADED;
 use crate::model::surface_optics::{coating_pass, reflectance};
 use crate::model::{Detector, SceneIr, SourceFunction, Surface};
 use crate::program::addition::{ProgramAddition, ShaderAdditions};
@@ -231,6 +232,11 @@ impl Program {
         self.first_step = rows[0];
         self.rng_table = rows.into_iter().flatten().flat_map(u32::to_le_bytes).collect();
         &self.rng_table
+    }
+
+    /// Most rays of a dispatch, where the host uploads rays of files.
+    pub(crate) fn most_uploaded(&self) -> u32 {
+        if self.features.uploads_rays() { MOST_UPLOADED } else { u32::MAX }
     }
 
     /// True if rays of this source begin as rays that are uploaded.

@@ -35,7 +35,7 @@ pub fn map(
             let y = runs(blocks(field.y_range, view.y, cells.0), rows, size[1]);
             let x = runs(blocks(field.x_range, view.x, cells.1), columns, size[0]);
             match colors {
-                Some(colors) => colors.pixels(block, (&y, &x), |_| (*scale, *palette)).0,
+                Some(colors) => colors.pixels(block, (&y, &x), (scale, palette)),
                 None => Means::new(&level, &y, &x).paint(color),
             }
         }

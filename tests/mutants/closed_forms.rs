@@ -239,10 +239,7 @@ fn coating_by_angle(bench: &Bench) -> Outcome {
             ],
         }));
         let mut ir = split_scene(vec![beside, face], 1, 2.0);
-        ir.wavelengths = vec![0.4, 0.5];
-        for medium in &mut ir.media {
-            (medium.n, medium.k) = (vec![medium.n[0]; 2], vec![medium.k[0]; 2]);
-        }
+        have_two_wavelengths(&mut ir);
         ir.sources[0].spectrum.wavelengths = vec![1];
         if from_back {
             ir.sources[0].frame.origin.z = 10.0;
@@ -695,6 +692,14 @@ fn lamp(bench: &Bench) -> Outcome {
     Ok(())
 }
 
+/// Gives a scene light of 0.4 and 0.5 um, for which its media are the same.
+fn have_two_wavelengths(ir: &mut SceneIr) {
+    ir.wavelengths = vec![0.4, 0.5];
+    for medium in &mut ir.media {
+        (medium.n, medium.k) = (vec![medium.n[0]; 2], vec![medium.k[0]; 2]);
+    }
+}
+
 /// Five rays of two wavelengths: each comes as often as its share says, from where it starts. A source before it has rays of its own,
 /// which go elsewhere.
 fn rays_of_a_file(bench: &Bench) -> Outcome {
@@ -718,10 +723,7 @@ fn rays_of_a_file(bench: &Bench) -> Outcome {
     let red = [([4.0, 5.0, 1.0], straight, 1.0), ([5.0, 5.0, -1.0], [0.0, -0.6, 0.8], 5.0)];
     let other = [([-1.0, -5.0, 0.0], straight, 1.0)];
     let mut ir = scene(of(vec![group(0.4, &other), group(0.5, &other)]), vec![], vec![database("end", 8.0)]);
-    ir.wavelengths = vec![0.4, 0.5];
-    for medium in &mut ir.media {
-        (medium.n, medium.k) = (vec![medium.n[0]; 2], vec![medium.k[0]; 2]);
-    }
+    have_two_wavelengths(&mut ir);
     ir.sources[0].spectrum = Spectrum { wavelengths: vec![0, 1], cdf: vec![0.6, 1.0] };
     ir.sources[0].total_flux = 1e-3;
     ir.sources.push(Source {
@@ -789,10 +791,7 @@ fn uploaded_rays(bench: &Bench) -> Outcome {
     };
     let of = |set| SourceKind::Rays(sources::Rays { set: Arc::new(set) });
     let mut ir = scene(of(RaySet::held("1".into(), 1.0, vec![held])), vec![], vec![database("end", 8.0)]);
-    ir.wavelengths = vec![0.4, 0.5];
-    for medium in &mut ir.media {
-        (medium.n, medium.k) = (vec![medium.n[0]; 2], vec![medium.k[0]; 2]);
-    }
+    have_two_wavelengths(&mut ir);
     ir.sources[0].spectrum = Spectrum { wavelengths: vec![0, 1], cdf: vec![0.75, 1.0] };
     ir.sources.push(Source { name: "second".into(), kind: of(set), ..ir.sources[0].clone() });
     let mut setting = Setting::default();
@@ -852,10 +851,7 @@ fn aimed(bench: &Bench) -> Outcome {
     let births = |aimed: Vec<Aim>, others: Vec<Aim>| {
         let of = |aimed| SourceKind::Pupil(pupil_of([1.0, 1.0], [0.5, 0.0, 2.0], [0.0, 0.0], aimed));
         let mut ir = scene(of(others), vec![], vec![pixels("end", 99.0)]);
-        ir.wavelengths = vec![0.4, 0.5];
-        for medium in &mut ir.media {
-            (medium.n, medium.k) = (vec![medium.n[0]; 2], vec![medium.k[0]; 2]);
-        }
+        have_two_wavelengths(&mut ir);
         ir.sources[0].spectrum = Spectrum { wavelengths: vec![0, 1], cdf: vec![0.5, 1.0] };
         ir.sources.push(Source { name: "second".into(), kind: of(aimed), ..ir.sources[0].clone() });
         let mut setting = Setting::default();

@@ -143,10 +143,9 @@ class Log(Displayed):
         Returns:
             The axes.
         """
-        if ax is None:
-            import matplotlib.pyplot as plt
+        from nsq_gpu.plotting import _axes
 
-            ax = plt.subplots(layout="constrained")[1]
+        ax = _axes(ax)
         places = [step.step for step in self.steps]
         ax.errorbar(places, [step.merit for step in self.steps], [step.standard_error for step in self.steps],
                     **{"marker": ".", "capsize": 2, **options})

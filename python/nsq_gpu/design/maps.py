@@ -161,9 +161,13 @@ class Estimate:
 
 def jackknife(value: float, others: np.ndarray) -> Estimate:
     """Return an estimate from its value and the values without one block each (Efron and Stein, 1981)."""
-    count, mean = len(others), float(np.mean(others))
-    error = float(np.sqrt((count - 1) / count * np.sum((others - mean)**2)))
-    return Estimate(value, error, (count - 1) * (mean - value))
+    return Estimate(value, float(jackknife_errors(others)), (len(others) - 1) * (float(np.mean(others)) - value))
+
+
+def jackknife_errors(others: np.ndarray) -> Any:
+    """Return standard errors from values without one block each, along the first axis."""
+    count = len(others)
+    return np.sqrt((count - 1) / count * ((others - others.mean(axis=0))**2).sum(axis=0))
 
 
 def estimate(function: Callable[[Maps], float], maps: Maps) -> Estimate:

@@ -132,10 +132,6 @@ class _Run:
         low, high = self.problem.bounds.T
         return np.asarray(low + np.clip(u, 0.0, 1.0) * (high - low))
 
-    def u_of(self, x: np.ndarray) -> np.ndarray:
-        low, high = self.problem.bounds.T
-        return np.asarray((x - low) / (high - low))
-
     def merit(self, u: np.ndarray) -> float:
         """Return the merit, and remember the best place. A scene that cannot be traced is worse than all others."""
         if self.rays > self.budget:
@@ -164,7 +160,7 @@ class _Run:
 
     def _refused(self, x: np.ndarray) -> tuple[float, np.ndarray]:
         """Return the merit of a design without one, and its gradient by shares of ranges, which leads back to the best place."""
-        away = self.u_of(x) - self.u_of(x if self.best is None else self.best)
+        away = self.problem.shares_of(x) - self.problem.shares_of(x if self.best is None else self.best)
         bad = _REFUSED * (self.worst or 1.0)
         return bad * (1.0 + float(away @ away)), 2.0 * bad * away
 
@@ -301,7 +297,7 @@ def _run(run: _Run, method: str, x: np.ndarray, most: int, growth: int, toleranc
         while True:
             run.best, run.best_merit = None, np.inf
             try:
-                reason = _stage(run, method, run.u_of(x), tolerance, options)
+                reason = _stage(run, method, problem.shares_of(x), tolerance, options)
                 is_end = False
             except _Enough as enough:
                 reason, is_end = enough.reason, enough.is_end
@@ -386,7 +382,7 @@ def _stage(run: _Run, method: str, u: np.ndarray, tolerance: float, options: Map
         reason = _by_scipy(run, method, u, tolerance, options)
         if method not in _WITH_GRADIENTS or run.best is None or not 0.0 < run.best_merit < _FALLEN * run.scale:
             return reason
-        u, run.scale = run.u_of(run.best), run.best_merit
+        u, run.scale = run.problem.shares_of(run.best), run.best_merit
 
 
 def _by_scipy(run: _Run, method: str, u: np.ndarray, tolerance: float, options: Mapping[str, Any]) -> str:
@@ -407,16 +403,12 @@ def _by_scipy(run: _Run, method: str, u: np.ndarray, tolerance: float, options: 
     given_tolerance = None if method == "L-BFGS-B" else tolerance
     if method in ("COBYLA", "TNC"):
         limits = {key: value for key, value in limits.items() if key != "maxiter" or method == "COBYLA"}
-    callback = _callback(run, method)
-    found = optimize.minimize(run.scaled, u, method=method, bounds=bounds, tol=given_tolerance, options=limits, callback=callback, **more)
-    return f"{method}: {found.message}"
 
-
-def _callback(run: _Run, method: str) -> Callable[..., None]:
     def callback(u: Any, *more: Any) -> None:
         run.step(np.asarray(u, dtype=float))
 
-    return callback
+    found = optimize.minimize(run.scaled, u, method=method, bounds=bounds, tol=given_tolerance, options=limits, callback=callback, **more)
+    return f"{method}: {found.message}"
 
 
 def _by_torch(run: _Run, method: str, u: np.ndarray, tolerance: float, options: Mapping[str, Any]) -> str:

@@ -14,7 +14,7 @@ from optiland.nonsequential import NSQScene
 from nsq_gpu.arguments import answering, check_mapping, near, of_names
 from nsq_gpu.binary import find_binary
 from nsq_gpu.design.log import Log
-from nsq_gpu.design.maps import FEWEST_BLOCKS, Estimate, Maps, jackknife
+from nsq_gpu.design.maps import FEWEST_BLOCKS, Estimate, Maps, jackknife, jackknife_errors
 from nsq_gpu.design.objectives import Objective, check_objectives, merit
 from nsq_gpu.design.tracing import Asked, Json, Tracer
 from nsq_gpu.display import Displayed, Summary, number
@@ -333,8 +333,7 @@ class Problem:
         for index, name in enumerate(self.names):
             if name in by_differences:
                 values[index], influences[:, index] = self._difference(numbers, index)
-        standard_errors = np.sqrt((count - 1) / count * ((influences - influences.mean(axis=0))**2).sum(axis=0))
-        found = Gradient(self.names, values, standard_errors,
+        found = Gradient(self.names, values, jackknife_errors(influences),
                          ["differences" if name in by_differences else "reverse" for name in self.names], influences)
         if len(self._gradients) > 256:
             self._gradients.clear()
@@ -422,7 +421,7 @@ class Problem:
         was not yet, which means no nearer than ``near_by``. The rays are others than those of the blocks, and many: few rays see
         little of an edge. They count for no budget.
         """
-        place = self._shares_of(numbers)
+        place = self.shares_of(np.array(list(numbers.values())))
         if self._gradient == "reverse":
             # The log says it once, and nothing else depends on it.
             near_by = np.inf
@@ -446,10 +445,10 @@ class Problem:
         self._tracer.num_rays = spent
         return crossed
 
-    def _shares_of(self, numbers: Mapping[str, float]) -> np.ndarray:
+    def shares_of(self, x: np.ndarray) -> np.ndarray:
         """Return variables as shares of their ranges."""
         low, high = self.bounds.T
-        return np.asarray((np.array(list(numbers.values())) - low) / (high - low))
+        return np.asarray((x - low) / (high - low))
 
     def _adjoints(self, groups: Mapping[_Group, Maps]) -> dict[_Group, dict[str, np.ndarray]]:
         """Return what the merit gains by a watt in each pixel of each block, by group and detector."""
@@ -560,8 +559,7 @@ class Problem:
             return found
         moved = (first.influences[:, free] * size[free]) @ axes / second @ axes.T * size[free]
         left = (first.values[free] * size[free]) @ axes / second @ axes.T * size[free]
-        count = len(moved)
-        found[free] = np.sqrt((count - 1) / count * ((moved - moved.mean(axis=0))**2).sum(axis=0) + left**2)
+        found[free] = np.hypot(jackknife_errors(moved), left)
         return found
 
     def _is_held(self, x: np.ndarray, gradient: np.ndarray, index: int) -> bool:

@@ -11,6 +11,8 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
+from nsq_gpu.edges import without_numbers
+
 Json = dict[str, Any]
 
 #: Steps below this count as tiny. They are those of differences: line searches take longer ones.
@@ -44,7 +46,7 @@ def scale_of(way: tuple[Any, ...], value: float) -> float:
 
 def step_between(base: Any, other: Any) -> float | None:
     """Return the largest change from one scene to the other, over scales; None where they differ in more than numbers."""
-    if _structure(base) != _structure(other):
+    if without_numbers(base) != without_numbers(other):
         return None
     return max((abs(there - here) / scale_of(way, here) for (way, here), (_, there) in zip(numbers_of(base), numbers_of(other), strict=True)),
                default=0.0)
@@ -58,12 +60,3 @@ def along(base: Any, other: Any, share: float) -> Any:
         return [along(value, there, share) for value, there in zip(base, other, strict=True)]
     is_number = isinstance(base, int | float) and not isinstance(base, bool)
     return base + share * (other - base) if is_number and other != base else base
-
-
-def _structure(document: Any) -> Any:
-    """Return a scene without its numbers."""
-    if isinstance(document, dict):
-        return {key: _structure(value) for key, value in document.items()}
-    if isinstance(document, list):
-        return [_structure(value) for value in document]
-    return document if isinstance(document, str | bool) or document is None else 0

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-import os
 import tempfile
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
@@ -73,7 +70,8 @@ class Tracer:
         self._program = program
         #: What errors call the scene, and where its files are.
         self.place: dict[str, Any] = {"name": name, "folder": folder}
-        self._kept: OrderedDict[str, Maps] = OrderedDict()
+        #: By the text of the scene, what was asked, and the numbers that were set. A guide's file is written once.
+        self._kept: OrderedDict[tuple[Any, ...], Maps] = OrderedDict()
         self._guides: dict[str, str] = {}
         self._num_guides = 0
         self._folder = tempfile.TemporaryDirectory(prefix="nsq-gpu-")
@@ -87,7 +85,7 @@ class Tracer:
     def maps(self, text: str, asked: Asked, numbers: Mapping[str, float] | None = None,
              detectors: Sequence[Json] = ()) -> Maps:
         """Return the maps of all irradiance detectors; ``detectors`` are the entries of the scene."""
-        key = _key(text, asked, numbers)
+        key = text, asked, tuple(sorted((numbers or {}).items()))
         if key in self._kept:
             self._kept.move_to_end(key)
             return self._kept[key]
@@ -178,11 +176,3 @@ def _bytes(maps: Maps) -> int:
 def _guided_shape(document: Json) -> Json:
     """Return what a guide depends on: all but the numbers of a scene; names count, and how many entries there are."""
     return {key: document[key] for key in ("components", "sources", "detectors", "nsq_gpu") if key in document}
-
-
-def _key(text: str, asked: Asked, numbers: Mapping[str, float] | None) -> str:
-    """Return a key of a trace: its scene's content, its settings, and what its guide holds."""
-    guide = None if asked.guide is None else hashlib.sha256(Path(asked.guide).read_bytes()).hexdigest()
-    given = [text, asked.num_rays, asked.blocks, asked.seed, asked.max_depth, asked.precision, asked.where, guide,
-             sorted((numbers or {}).items()), os.getpid()]
-    return hashlib.sha256(json.dumps(given).encode()).hexdigest()

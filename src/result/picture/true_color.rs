@@ -50,14 +50,11 @@ impl TrueColors {
         &self,
         block: f64,
         (rows, columns): (&Runs, &Runs),
-        fit: impl Fn(&Array2<f64>) -> (Scale, Palette),
-    ) -> (Raster, Scale) {
+        (scale, palette): (&Scale, &Palette),
+    ) -> Raster {
         let means = |i: usize| Means::new(&self.pyramids[i].level(&self.xyz[i], block), rows, columns);
         let [x, y, z] = [0, 1, 2].map(means);
-        let (scale, palette) = fit(&y.values);
-        let at =
-            |cell: (usize, usize)| color([x.values[cell], y.values[cell], z.values[cell]], &scale, &palette);
-        (y.paint_cells(at), scale)
+        y.paint_cells(|cell| color([x.values[cell], y.values[cell], z.values[cell]], scale, palette))
     }
 }
 
@@ -91,16 +88,13 @@ mod tests {
             ],
             pyramids: Default::default(),
         };
-        let fit = |y: &Array2<f64>| {
-            let scale = Scale::fit(ScaleKind::Linear, 100.0, [y]);
-            (scale, Palette::of_true_colors(&scale, [9; 3]))
-        };
+        let scale = Scale::fit(ScaleKind::Linear, 100.0, [&array![[0.463_912_5]]]);
+        let palette = Palette::of_true_colors(&scale, [9; 3]);
         let one = (&runs((0.0, 1.0), 1, 1), &runs((0.0, 2.0), 2, 1));
-        let (raster, scale) = colors.pixels(1.0, one, fit);
-        assert!((scale.high - 0.463_912_5).abs() < 1e-12);
+        let raster = colors.pixels(1.0, one, (&scale, &palette));
         // As bright as white is red and green at once: Y of yellow is 0.93.
         assert!(raster.rgb[0] == 255 && raster.rgb[1] == 255 && raster.rgb[2] < 3, "{:?}", raster.rgb);
-        let cells = colors.of_cells(&Scale { high: 1.0, ..scale }, &Palette::of_true_colors(&scale, [9; 3]));
+        let cells = colors.of_cells(&Scale { high: 1.0, ..scale }, &palette);
         assert_eq!(cells.into_iter().collect::<Vec<_>>(), [[255, 0, 0], [0, 255, 0]]);
     }
 }

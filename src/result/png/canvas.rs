@@ -309,13 +309,18 @@ pub(super) struct ColorBar {
     pub unit: (f64, String),
     axis: Axis,
     scale: Scale,
-    /// Its colours.
-    pub palette: Palette,
+    palette: Palette,
 }
 
 impl ColorBar {
     /// The bar of a quantity, along `length` pixels.
-    pub fn new(quantity: &str, unit: (f64, String), scale: Scale, length: i32, text: f64) -> Self {
+    pub fn new(
+        quantity: &str,
+        unit: (f64, String),
+        (scale, palette): (Scale, Palette),
+        length: i32,
+        text: f64,
+    ) -> Self {
         const DECADES: usize = 7;
         let label = with_unit(quantity, &unit.1);
         let range = (scale.low / unit.0, scale.high / unit.0);
@@ -330,7 +335,7 @@ impl ColorBar {
         } else {
             Axis::vertical(&label, range, length, text)
         };
-        ColorBar { unit, axis, scale, palette: Palette::of_files(&scale) }
+        ColorBar { unit, axis, scale, palette }
     }
 
     /// Width of ticks, labels and name, right of the colours \[pixels\].
@@ -355,7 +360,8 @@ mod tests {
         let fit = |kind| Scale::fit(kind, 100.0, [&dark]).in_whole_decades();
         let difference = Scale::fit_difference(ScaleKind::Linear, 100.0, &dark);
         for (scale, low) in [(fit(ScaleKind::Linear), 0.0), (fit(ScaleKind::Log), 0.0), (difference, -1.0)] {
-            let bar = ColorBar::new("irradiance", (1.0, "W".into()), scale, 400, 20.0);
+            let bar =
+                ColorBar::new("irradiance", (1.0, "W".into()), (scale, Palette::of_files(&scale)), 400, 20.0);
             assert_eq!((bar.axis.range, bar.axis.ticks), ((low, 1.0), vec![(0.0, "0".into())]));
         }
     }

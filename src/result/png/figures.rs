@@ -19,8 +19,6 @@ use ndarray::Array2;
 /// What pictures of far fields say of their cells.
 pub(super) const EQUAL_CELLS: &str = "cells of equal solid angle";
 
-/// The colour where a picture has no value.
-const MISSING: Rgb = [255; 3];
 /// Sizes in multiples of the text size.
 const PAD: f64 = 1.0;
 const HEAD: f64 = 4.6;
@@ -210,35 +208,26 @@ impl MapPanel {
         let whole = Pyramid::default();
         let along = |cells: usize, pixels: usize| runs((0.0, cells as f64), cells, pixels);
         let (rows, columns) = (along(ny, size.1), along(nx, size.0));
-        let fit = |values: &Array2<f64>| match kind {
-            Some(kind) => fitted(kind, values),
-            None => Scale::fit_difference(ScaleKind::Linear, 100.0, values),
+        let means = Means::new(&whole.level(values, 1.0), &rows, &columns);
+        let scale = match kind {
+            Some(kind) => fitted(kind, &means.values),
+            None => Scale::fit_difference(ScaleKind::Linear, 100.0, &means.values),
         };
-        let (raster, scale) = match colors {
-            Some(colors) => {
-                let fit = |values: &Array2<f64>| {
-                    let scale = fit(values);
-                    (scale, Palette::of_true_colors(&scale, MISSING))
-                };
-                colors.pixels(1.0, (&rows, &columns), fit)
-            }
+        let palette = palette(&scale, colors);
+        let raster = match colors {
+            Some(colors) => colors.pixels(1.0, (&rows, &columns), (&scale, &palette)),
             None => {
-                let means = Means::new(&whole.level(values, 1.0), &rows, &columns);
-                let scale = fit(&means.values);
-                let color = Palette::of_files(&scale).lookup();
-                (means.paint(|value| color(scale.shade(value))), scale)
+                let color = palette.lookup();
+                means.paint(|value| color(scale.shade(value)))
             }
         };
         let bar_length = (size.1 as f64).max(LEAST_HEIGHT * text) as i32;
-        let mut bar = ColorBar::new(name, style.unit_of(unit, scale.high), scale, bar_length, text);
-        if colors.is_some() {
-            bar.palette = Palette::of_true_colors(&scale, MISSING);
-        }
+        let unit = style.unit_of(unit, scale.high);
         MapPanel {
             text,
             x: Axis::horizontal(&with_unit(x.label.0, x.label.1), x.range, size.0 as i32, text),
             y: Axis::vertical(&with_unit(y.label.0, y.label.1), y.range, size.1 as i32, text),
-            bar,
+            bar: ColorBar::new(name, unit, (scale, palette), bar_length, text),
             raster,
         }
     }
@@ -274,6 +263,12 @@ impl MapPanel {
     }
 }
 
+/// The colours of a picture: of values, or of the light.
+fn palette(scale: &Scale, colors: Option<&TrueColors>) -> Palette {
+    let of_files = Palette::of_files(scale);
+    if colors.is_some() { Palette::of_true_colors(scale, of_files.missing) } else { of_files }
+}
+
 /// A scale of values that are not negative.
 fn fitted(kind: ScaleKind, values: &Array2<f64>) -> Scale {
     Scale::fit(kind, 100.0, [values]).in_whole_decades()
@@ -306,20 +301,18 @@ pub(super) fn directions(path: &Path, head: &Head, intensity: &Array2<f64>, reac
     let text = text_size((SIZE, SIZE));
     let px = |times: f64| (times * text).round() as i32;
     let scale = fitted(head.style.scale(), intensity);
+    let palette = palette(&scale, head.colors);
     let colors = match head.colors {
-        Some(colors) => colors.of_cells(&scale, &Palette::of_true_colors(&scale, MISSING)),
+        Some(colors) => colors.of_cells(&scale, &palette),
         None => {
-            let color = Palette::of_files(&scale).lookup();
+            let color = palette.lookup();
             intensity.mapv(|value| color(scale.shade(value)))
         }
     };
-    let disc = Disc { colors: &colors, limit, reach, outside: MISSING };
+    let disc = Disc { colors: &colors, limit, reach, outside: palette.missing };
     let mut raster = disc.draw(Window::WHOLE, [SIZE; 2]);
     let unit = head.style.unit_of(head.quantity.1, scale.high);
-    let mut bar = ColorBar::new(head.quantity.0, unit, scale, SIZE as i32, text);
-    if head.colors.is_some() {
-        bar.palette = Palette::of_true_colors(&scale, MISSING);
-    }
+    let bar = ColorBar::new(head.quantity.0, unit, (scale, palette), SIZE as i32, text);
     let numbers = numbers(head, Some((scale.high, &bar))) + " · " + EQUAL_CELLS;
     let axis = polar_axis(limit);
     for (angle, _) in axis.ticks.iter().filter(|(angle, _)| *angle > 0.0 && *angle < limit) {

@@ -7,7 +7,7 @@
 //! The members are stored, not compressed. So any ray is found by its number, and a range is read without
 //! the rest.
 
-use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::io::{self, BufReader, Read, Seek};
 use std::ops::Range;
 
 use zip::{CompressionMethod, ZipArchive};
@@ -51,19 +51,25 @@ pub(super) fn open(reader: &mut (impl Read + Seek), length: u64) -> Result<(Head
         if member.compression() != CompressionMethod::Stored || member.encrypted() {
             return Err(Error::new(name, "the column is compressed or encrypted", REMEDY));
         }
-        members.push((name, (member.data_start(), member.size()), member.crc32()));
-    }
-    drop(archive);
-    let mut columns = Columns(Vec::new());
-    let mut num_rays = 0;
-    for (index, (name, (start, size), sum)) in members.into_iter().enumerate() {
+        let (start, size) = (member.data_start(), member.size());
         if start.checked_add(size).is_none_or(|end| end > length) {
             let problem = format!("{size} bytes from byte {start} on are beyond the file's {length}");
             return Err(Error::new(name, problem, "the file is cut off: fetch or export it again"));
         }
-        if check_sum(reader, name, start, size)? != sum {
-            return Err(damaged(name, "the column's bytes do not have the archive's check sum"));
-        }
+        drop(member);
+        // Reading a member to its end compares its check sum.
+        let mut member = archive.by_index(index).map_err(|error| damaged(name, error))?;
+        let copied = io::copy(&mut member, &mut io::sink());
+        copied.map_err(|error| match error.kind() == io::ErrorKind::InvalidData {
+            true => damaged(name, "the column's bytes do not have the archive's check sum"),
+            false => Error::io(name, &error),
+        })?;
+        members.push((name, start, size));
+    }
+    drop(archive);
+    let mut columns = Columns(Vec::new());
+    let mut num_rays = 0;
+    for (index, (name, start, size)) in members.into_iter().enumerate() {
         let (start, count) = column(reader, name, start, size)?;
         num_rays = if index == 0 { count } else { num_rays };
         // A database without rays has one flux and one wavelength of 0.
@@ -89,21 +95,6 @@ pub(super) fn open(reader: &mut (impl Read + Seek), length: u64) -> Result<(Head
 
 fn damaged(place: &str, error: impl ToString) -> Error {
     Error::new(place, error.to_string(), "the archive is damaged: fetch or export it again")
-}
-
-/// The check sum of some bytes of a file.
-fn check_sum(reader: &mut (impl Read + Seek), name: &str, start: u64, size: u64) -> Result<u32> {
-    let mut sum = crc32fast::Hasher::new();
-    let mut block = vec![0; 1 << 16];
-    reader.seek(SeekFrom::Start(start)).map_err(|error| Error::io(name, &error))?;
-    let mut left = size;
-    while left > 0 {
-        let some = left.min(block.len() as u64) as usize;
-        reader.read_exact(&mut block[..some]).map_err(|error| Error::io(name, &error))?;
-        sum.update(&block[..some]);
-        left -= some as u64;
-    }
-    Ok(sum.finalize())
 }
 
 /// The first byte of the numbers in a member of the archive, and how many there are.

@@ -30,6 +30,7 @@ pub(super) struct Reading {
 impl Reading {
     pub(super) fn of(path: &Path, written: &Written) -> std::result::Result<Self, Refusal> {
         let mut file = RayFile::open(path)?;
+        let state = file.state()?;
         let header = file.header().clone();
         let taking = Taking::of(written, &header);
         let mut collected = Collected::new(&taking, header.num_rays);
@@ -59,7 +60,7 @@ impl Reading {
                     RaySet::held(sha256, written.scale, groups)
                 }
                 Rays::Streamed { ends, bounds } => {
-                    let stream = FileStream::new(path, file, taking, ends)?;
+                    let stream = FileStream::new(path, (file, state), taking, ends);
                     RaySet::streamed(sha256, written.scale, Arc::new(stream), bounds)
                 }
             }),

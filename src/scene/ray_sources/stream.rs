@@ -37,7 +37,7 @@ pub(super) struct FileStream {
     path: PathBuf,
     taking: Taking,
     ends: Ends,
-    /// The state of the file when all its rays were read.
+    /// The state of the file before all its rays were read.
     state: FileState,
     open: Mutex<Open>,
 }
@@ -104,13 +104,12 @@ impl Ends {
 impl FileStream {
     pub(super) fn new(
         path: &Path,
-        file: RayFile<File>,
+        (file, state): (RayFile<File>, FileState),
         taking: Taking,
         ends: Ends,
-    ) -> ray_files::Result<Self> {
-        let state = file.state()?;
+    ) -> Self {
         let open = Open { file, seed: 0, first_id: 0, rays: Vec::new() };
-        Ok(FileStream { path: path.to_owned(), taking, ends, state, open: Mutex::new(open) })
+        FileStream { path: path.to_owned(), taking, ends, state, open: Mutex::new(open) }
     }
 
     fn refused(&self, refusal: Refusal) -> Error {
