@@ -123,15 +123,25 @@ impl Gpu {
 
     /// Runs the entry point `main` of a shader and returns the bytes of the written buffers, in their order.
     pub fn run(&self, source: &str, storages: &[Storage], workgroups: [u32; 3]) -> Vec<Vec<u8>> {
-        let rewritten = rewritten(source);
-        let pipeline = self.pipeline(rewritten.as_deref().unwrap_or(source));
-        let buffers: Vec<wgpu::Buffer> = storages.iter().map(|storage| self.buffer(storage)).collect();
+        let Some(pairs) = rewritten(source) else { return self.run_text(source, storages, workgroups) };
         let zero = Storage::read(df64::ZERO, &[0_u32; 4]);
-        let zero = rewritten.is_some().then(|| (&zero, self.buffer(&zero)));
+        let storages: Vec<&Storage> = storages.iter().chain([&zero]).collect();
+        self.run_text(&pairs, &storages, workgroups)
+    }
+
+    /// Runs the only entry point of a text as it stands.
+    pub fn run_text(
+        &self,
+        text: &str,
+        storages: &[impl std::borrow::Borrow<Storage>],
+        workgroups: [u32; 3],
+    ) -> Vec<Vec<u8>> {
+        let storages: Vec<&Storage> = storages.iter().map(std::borrow::Borrow::borrow).collect();
+        let pipeline = self.pipeline(text);
+        let buffers: Vec<wgpu::Buffer> = storages.iter().map(|storage| self.buffer(storage)).collect();
         let entries: Vec<wgpu::BindGroupEntry> = storages
             .iter()
             .zip(&buffers)
-            .chain(zero.as_ref().map(|(storage, buffer)| (*storage, buffer)))
             .map(|(storage, buffer)| wgpu::BindGroupEntry {
                 binding: storage.binding,
                 resource: buffer.as_entire_binding(),
@@ -163,7 +173,7 @@ impl Gpu {
             label: None,
             layout: None,
             module: &module,
-            entry_point: Some("main"),
+            entry_point: None,
             compilation_options: wgpu::PipelineCompilationOptions::default(),
             cache: None,
         })

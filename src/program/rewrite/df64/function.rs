@@ -461,11 +461,22 @@ impl Rewriter<'_, '_> {
     fn product(&mut self, fun: MathFunction, arguments: &[Value], out: &mut Block) -> Result<Value> {
         let name = match (fun, self.reals(arguments[0])) {
             (MathFunction::Dot, Reals::Vector(VectorSize::Tri)) => "dot",
+            (MathFunction::Dot, Reals::Vector(size)) => return self.dot_of(size, arguments, out),
             (MathFunction::Cross, _) => "cross",
             other => return Err(unknown(other)),
         };
         let arguments = self.values(arguments)?;
         self.call(name, &arguments, out)
+    }
+
+    /// A dot product of vectors of two or four reals, term by term.
+    fn dot_of(&mut self, size: VectorSize, arguments: &[Value], out: &mut Block) -> Result<Value> {
+        let [left, right] = [self.lanes(arguments[0], size, out)?, self.lanes(arguments[1], size, out)?];
+        let mut sum = self.call("mul", &[left[0], right[0]], out)?;
+        for (left, right) in left.into_iter().zip(right).skip(1) {
+            sum = self.call("add_product", &[sum, left, right], out)?;
+        }
+        Ok(sum)
     }
 
     fn conversion(
