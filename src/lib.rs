@@ -24,10 +24,10 @@
 //!            -> result   maps, ledger, diagnostics -> files, command, viewer, Python
 //! ```
 //!
-//! [`run`] is the face of the engine: a [`Run`] goes from options to the report, as `nsq-gpu trace` does. Three rooms
+//! [`run`] is the face of the engine: a [`Run`] goes from options to the report, as `nsq-gpu trace` does. Four rooms
 //! hold additions to the engine's loop. `paths` sorts light by its path, and `derivatives` has derivatives by numbers
-//! of the scene. [`cpu`] has what pays on adapters that are processors. [`gpu`] holds the mechanics of wgpu and knows
-//! no optics.
+//! of the scene. [`guide`] sends rays to rare light. [`cpu`] has what pays on adapters that are processors. [`gpu`]
+//! holds the mechanics of wgpu and knows no optics.
 //!
 //! [`folders`] knows where a user keeps settings and caches, `placing` puts files in their places, and [`mesa`] keeps
 //! drivers silent. [`cli`] is the only place that prints. The module `viewer`, behind the feature of that name, is the

@@ -1,5 +1,5 @@
 //! The plain loop, and the CPU backend, give the same bits: those of tests/data/bits.json, for every scene, whether
-//! this is compiled with the cargo feature `software` (`cargo test`) or without it (`make test-plain`).
+//! this is compiled with the cargo feature `cpu` (`cargo test`) or without it (`make test-plain`).
 //!
 //! The committed bits are those of lavapipe in strict arithmetic. `NSQ_GPU_UPDATE_BITS=1` writes them anew.
 #![allow(

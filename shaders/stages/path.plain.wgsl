@@ -1,5 +1,6 @@
 // The steps of a ray's path, under the names that the loop calls. An addition that follows paths takes the place of this
-// file (shaders/paths/followed.wgsl).
+// file by shaders/paths/followed.wgsl. `generate`, `interact`, `flush_bins` and `deposit_fate` then stand in
+// paths/ending.late.wgsl, or in paths/ending.early.wgsl.
 
 fn generate(index: u32) -> Ray {
     return plain_generate(index);

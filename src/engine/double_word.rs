@@ -1,4 +1,4 @@
-//! Tests whether a pair of f32 can stand for a real on this device, by comparing its arithmetic with IEEE 754.
+//! Tests df64 on this device: whether a pair of f32 can stand for a real, by comparing its arithmetic with IEEE 754.
 //!
 //! The functions of `shaders/math/df64.wgsl` rest on sums and products whose roundings are known exactly. A device or
 //! compiler that rounds otherwise, fuses or reorders must not be used with them.

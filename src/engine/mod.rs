@@ -5,11 +5,11 @@
 //! much at once. [`submit`] lists the stages that a range goes through. [`rows`] fetches rows for the host, and
 //! [`drain`] fetches the sums.
 //!
-//! Six words, from small to large:
-//! - a **round** follows the rays that live on for some more events;
+//! Six words, each explained by the words before:
 //! - a **dispatch** is one stage on the device;
+//! - a **round** is two dispatches, which follow the rays that live on for some more events;
 //! - a **range** is the rays of one source that one dispatch begins, at most a **batch**;
-//! - a **submission** hands the dispatches of a range to the device;
+//! - a **submission** hands dispatches of a range to the device, all of them or some;
 //! - a **pass** is ranges of all sources, after which the caller is asked whether to go on.
 //!
 //! What is added to the loop, or done otherwise on some adapters, is an [`addition`]. The engine is complete without

@@ -32,14 +32,15 @@ pub struct TraceOptions {
     pub shares: Option<Arc<[f64]>>,
     /// Seed of every draw.
     pub seed: u64,
-    /// Largest number of events of a ray. The default is Optiland's; the command takes [`depth::of_scene`].
+    /// Largest number of events of a ray. The default is Optiland's; the command takes [`depth::of_scene`]. A
+    /// [`crate::Run`] puts a depth of its own in this place.
     pub max_depth: u32,
     /// Roulette starts below the larger of this value and the scene's `rr_start_flux`, times the mean flux of a new
     /// ray.
     pub min_flux_fraction: f64,
     /// Most rays per dispatch; `None`: chosen automatically. The choice does not change a result.
     pub batch_size: Option<u32>,
-    /// Precision of the physics.
+    /// Precision of the physics. A [`crate::Run`] puts the precision that it chooses in this place.
     pub precision: Precision,
     /// Which paths are recorded.
     pub paths: RecordPaths,
@@ -124,7 +125,8 @@ pub enum Strict {
 }
 
 impl Strict {
-    /// True if a trace on this adapter is strict.
+    /// True if a trace on this adapter is strict. Two more rules ask for strict arithmetic where it is possible.
+    /// They are `TraceOptions::is_strict`, for light by its path, and run/go.rs, for live numbers and proofs.
     pub fn holds(self, adapter: &AdapterInfo) -> bool {
         match self {
             Strict::Auto => adapter.strict && adapter.class.is_strict_by_default(),
@@ -207,7 +209,8 @@ impl TraceOptions {
     }
 
     /// True if arithmetic is strict on this adapter. Light by its path asks for that where it is possible: a ray that is
-    /// traced again, by another shader, must take the same path.
+    /// traced again, by another shader, must take the same path. Other light has the rule of [`Strict::holds`]. A run
+    /// sets `strict` before, where numbers are live or sums have a proof (run/go.rs, `strict_where_possible`).
     pub(crate) fn is_strict(&self, adapter: &AdapterInfo) -> bool {
         match self.strict {
             Strict::Auto if matches!(self.collect, Collect::Paths { .. }) => adapter.strict,

@@ -174,6 +174,7 @@ impl<'a> Readback<'a> {
     pub fn finish(self, marks: ReachedMarks) {
         let Readback { layout, tally, counters, sums, .. } = self;
         let flux_sum = |cell: usize| FluxSum { count: counters[cell], quanta: sums[cell] };
+        // Each number is a bin's place in `LEDGER_CELLS` (program/layout/tables.rs).
         tally.invalid_deposits += counters[0];
         tally.medium_stack_underflows += counters[1];
         tally.roulette_gain += flux_sum(2);

@@ -1,5 +1,9 @@
 //! The stages of a program, compiled for a device. They depend on the program's text alone, not on the contents of its
 //! buffers: programs of the same text share them ([`crate::engine::pipeline_cache`]).
+//!
+//! A stage here is an entry point, which is dispatched, and timed by a name: `trace_new`, `advance`, `trace_queued`, or
+//! one of an addition. Comments of shaders/stages also call the steps within an entry point stages, such as generate
+//! and interact.
 
 use crate::error::{Error, Result};
 use crate::gpu::{self, Gpu};

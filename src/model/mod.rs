@@ -4,6 +4,9 @@
 //! origin of the global frame is where the user put it; the program re-centres the scene later, in f64. Everything that
 //! depends on the wavelength is a table over [`SceneIr::wavelengths`], because a source's spectrum is a list of
 //! discrete wavelengths.
+//!
+//! The model also holds how scene files write each kind, so that a new kind is one file here. The type `Written` of a
+//! kind is what serde reads, and gives the kind's part of the JSON schema. [`written`] has what many entries share.
 
 pub mod bsdfs;
 pub(crate) mod checks;
@@ -57,7 +60,11 @@ use glam::{DMat3, DVec3};
 /// Index into [`SceneIr::media`].
 pub type MediumId = usize;
 
-/// A proven-valid scene, lowered to what a ray can meet.
+/// A proven-valid scene, lowered to what a ray can meet. Defaults are filled in, frames are global, components are
+/// surfaces, and media are tables.
+///
+/// IR is short for intermediate representation: it stands between the scene of a file and the program of a device.
+/// Variables of this type are called `ir`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SceneIr {
     /// Every wavelength that some source emits, ascending and distinct \[um\].

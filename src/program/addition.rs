@@ -15,7 +15,8 @@
 //!
 //! The plain program is complete without additions, and traces every scene. An addition may take the place of the file
 //! of a slot ([`crate::program::wgsl::variants`]), and may add constants, functions and entry points. The composition
-//! calls no addition by name. What it keeps for them is listed in docs/internals/engine.md: cells, bindings, options.
+//! calls no addition by name: features and options pick the plain file of a slot, which may be one of shaders/cpu. What
+//! the composition keeps for additions is listed in docs/internals/engine.md: cells, bindings, options.
 
 use crate::error::{Error, Result};
 use crate::program::features::Features;

@@ -1,4 +1,11 @@
 //! From the flat scene to what the GPU runs: features, specialised WGSL and packed buffers.
+//!
+//! The way of a scene, each step in a file:
+//! - input: the prepared scene, with features, cells, trees and contacts ([`input`], made by `prepare_input`);
+//! - composition: the input with the numbers and sums that the text needs ([`wgsl::composition`]);
+//! - text: the files of shaders/ that the scene takes, with composed functions around them ([`wgsl::compose`]);
+//! - [`parsed::Parsed`]: the text as a module of naga, rewritten where df64 or derivatives need that;
+//! - [`Program`]: the module with the buffers that it reads (`composed`).
 
 pub mod addition;
 mod composed;

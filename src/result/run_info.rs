@@ -22,7 +22,7 @@ pub struct RunInfo {
     pub max_depth: u32,
     /// Roulette threshold that was asked for, as a fraction of the mean flux of a new ray.
     pub min_flux_fraction: f64,
-    /// Arithmetic of the trace: `f32` or `f64`.
+    /// Arithmetic of the trace: `f32`, `df64` or `f64`.
     pub precision: String,
     /// What the draws were: `pcg` or `sobol`.
     pub sampler: String,

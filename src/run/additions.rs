@@ -1,6 +1,7 @@
 //! Which additions a trace has: those that its options ask for, and what pays on its adapter.
 //!
-//! This is the one place that names the additions. [`COMPOSITIONS`] says which of them trace together.
+//! This is the one place that chooses the additions of a trace. A trace beside the main one has a list of its own, such
+//! as `FollowedPaths::additions`. [`COMPOSITIONS`] says which additions trace together.
 
 #[cfg(feature = "cpu")]
 use crate::cpu::{Cpu, CpuOverrides};
@@ -36,7 +37,8 @@ pub enum Kind {
     PathMaps,
     /// What happens to each ray, from a second trace.
     PathEvents,
-    /// Rays are guided to rare light.
+    /// Rays are guided to rare light. A guided trace also follows paths, because a ray's node in the guide is a word of
+    /// the ray's path.
     Guide,
     /// Derivatives in forward mode.
     Tangents,

@@ -23,6 +23,8 @@ use std::time::Instant;
 /// the numbers compiled in traces them faster.
 const MOST_LIVE_RAYS: u64 = 1_000_000;
 
+/// Strict arithmetic where the adapter allows it, unless the user says otherwise: for live numbers and for proofs.
+/// [`Strict::holds`] is the rule of other traces, and `TraceOptions::is_strict` the rule of light by its path.
 fn strict_where_possible(asked: Strict, gpu: &Gpu) -> Strict {
     match asked {
         Strict::Auto if gpu.info.strict => Strict::On,
@@ -30,7 +32,8 @@ fn strict_where_possible(asked: Strict, gpu: &Gpu) -> Strict {
     }
 }
 
-/// What a run traces with on its device.
+/// The options and the header of the report, settled on a device before the tracer is made. The tracer is made from the
+/// options. The header is there before the first ray, so that each pass can have a report.
 #[derive(Debug, Clone)]
 pub struct Settled {
     /// The options, with precision and depth.
@@ -97,7 +100,8 @@ impl<'a> Run<'a> {
         }
         let gpu = self.device()?;
         let gpu: &Gpu = &gpu;
-        // The prediction is only reported, so a second device makes it while the rays are traced.
+        // Where f32 is asked for, the predicted error of f32 is only reported, and no ray needs to wait for it. So a
+        // second device predicts it in a thread, while the first device traces. `trace` asks for it after the last ray.
         let is_reported = self.precision == WantedPrecision::Exactly(Precision::F32);
         if !is_reported || self.predicts_first || self.cache.is_some() {
             return self.trace(gpu, self.settle(gpu)?, resumed, after_pass, || None);
@@ -205,7 +209,8 @@ impl<'a> Run<'a> {
         Tracer::with(gpu, ir, options, ForAdapter::WhatPays, shaders)
     }
 
-    /// Traces. `predicted` gives the choice of precision if it was being predicted meanwhile.
+    /// Traces. `predicted` is called after the last ray. It gives the choice of precision, if a second device predicted
+    /// meanwhile ([`Run::go_with`]).
     fn trace(
         &self,
         gpu: &Gpu,

@@ -2,7 +2,8 @@
 //!
 //! [`Run`] is the whole of it. [`Run::go`] traces; [`Run::differentiate`], [`Run::loss_gradient`] and [`Run::difference`]
 //! trace for derivatives and differences. A [`Session`] keeps a device and compiled shaders from run to run, and
-//! [`sweep`] makes runs of one scene with other numbers.
+//! [`sweep`] makes runs of one scene with other numbers. Python's `Session` is a process of `nsq-gpu serve`, which
+//! holds one [`Session`].
 //!
 //! A run is made of these: [`Tracer`] is a scene ready to trace. [`precision`] chooses the tier, [`stopping`] ends a trace
 //! early, and [`checkpoint`] keeps sums in a file. [`proof`] keeps
@@ -76,10 +77,11 @@ pub struct Run<'a> {
     model: Cow<'a, SceneIr>,
     /// What the report calls the scene.
     name: Option<String>,
-    /// All but precision and depth.
+    /// What was asked for. The run's own `max_depth` and `precision` override these two fields of the options.
     options: TraceOptions,
-    /// `None`: the depth of the file that the run resumes, or the scene's.
+    /// Overrides the depth of `options`. `None`: the depth of the file that the run resumes, or the scene's.
     max_depth: Option<u32>,
+    /// Overrides the precision of `options`, by [`precision::choose`].
     precision: WantedPrecision,
     /// The error of f32 is predicted before the rays are traced, also where it is only reported. Otherwise a second device
     /// predicts it meanwhile.

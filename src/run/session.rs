@@ -4,7 +4,8 @@ use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu};
 use crate::run::{PipelineCache, Run};
 
-/// A device, and compiled shaders of the runs that traced on it.
+/// A device, and compiled shaders of the runs that traced on it. Python's `Session` is a process of `nsq-gpu serve`,
+/// which holds one session of this type.
 pub struct Session {
     choice: AdapterChoice,
     opened: Option<Opened>,

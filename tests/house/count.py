@@ -26,7 +26,8 @@ from collections import defaultdict
 from pathlib import Path
 
 HERE = Path(__file__).parent
-SUBMITTING_ROOMS = {"engine", "cpu", "software", "paths", "derivatives"}
+# `software` is the name that the room `cpu` had in older trees.
+SUBMITTING_ROOMS = {"engine", "cpu", "software", "paths", "derivatives", "guide"}
 SUBMITTER = r"\b(?:submit(?:_\w+)?|dispatch)\(|\b(?:strategy|additions?|addition\.\w+)\.trace\("
 CUTS_RANGES = r"\bfor range in\b|\blet range\b|\bRayRange(?:::of\(| \{)"
 MECHANISMS = {
@@ -34,7 +35,7 @@ MECHANISMS = {
     "slots": (r"^\s*\"[a-z_]+/[a-z_]+\"\s+\[", "src/program"),
     "files in the place of a slot's": (r"\bfn replaces\s*\(", "src"),
     "renaming in text": (r"\btext\.rename\(", "src"),
-    "replacing in text": (r"\b(?:statement|text|wgsl|row|line|source\(\))\.replace\(", "src/program src/cpu src/software src/engine src/paths src/derivatives"),
+    "replacing in text": (r"\b(?:statement|text|wgsl|row|line|source\(\))\.replace\(", "src/program src/cpu src/software src/engine src/paths src/derivatives src/guide"),
     "rewriting of the representation": (r"\bpub(?:\([a-z ]+\))? fn rewrite\s*\(", "src"),
 }
 

@@ -71,6 +71,7 @@ pub struct MomentCells {
 }
 
 /// Bins of the ledger, by their names in the shaders; the order of fates follows shaders/stages/state.wgsl.
+/// `Readback::finish` (engine/readback.rs) reads each bin by its place here.
 pub const LEDGER_CELLS: [&str; 12] = [
     "CELL_INVALID",
     "CELL_UNDERFLOWS",

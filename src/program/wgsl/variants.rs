@@ -1,5 +1,12 @@
 //! The table of the files of shaders/ that a scene takes: one row a slot, with its twin files and the rule that picks
 //! one.
+//!
+//! A row's rule sees features, options and the prepared scene, and no addition. An addition sets options, or gives a
+//! file that takes the place of the row's (`ShaderAddition::replaces`).
+//!
+//! By this rule four rows pick files of shaders/cpu. The CPU backend sets the option for texels, which picks two files.
+//! The CPU backend and derivatives set options for several rays of an invocation. `cpu/rounds.many` follows from
+//! features and options on every adapter.
 
 use crate::error::{Error, Result};
 use crate::model::{DetectorFunction, Precision, SourceFunction};
