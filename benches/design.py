@@ -4,6 +4,8 @@
     python benches/design.py --seeds 200        errors over fewer seeds
     python benches/design.py --only methods     one part: errors, agreement or methods
 
+With `.venv-torch/bin/python`, methods has rows of Optiland's TorchBackend, too.
+
 The scene is a singlet in parallel light, whose rim the light keeps clear of, and a screen before its focus. Variables are the first
 radius and the place of the screen. The merit is the flux within a circle, and how even the light is.
 """
@@ -11,9 +13,12 @@ radius and the place of the screen. The merit is the flux within a circle, and h
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy.stats
@@ -32,14 +37,22 @@ from optiland.nonsequential.sources.configs import CollimatedSourceConfig  # noq
 DIRECT = "reflections == 0"
 VARIABLES = {"image.z": (50.0, 56.0), "L.r1": (55.0, 66.0)}
 BLOCKS = 10
+#: Pixels a side of the screen of methods.
+FINE = 512
+#: Range of the screen's place of methods.
+PLACES = (50.0, 62.0)
+#: Range of the first radius, for the smallest spot 52 mm behind the lens.
+RADII = (38.0, 66.0)
+#: Rays of each trace where TorchBackend is compared.
+TORCH_RAYS = 20_000
 
 
-def singlet(pixels: int = 64) -> NSQScene:
-    """Return the scene, with so many pixels a side."""
+def singlet(pixels: int = 64, r1: Any = 60.0, z: Any = 52.0) -> NSQScene:
+    """Return the scene, with so many pixels a side. The radius and the place of the screen may be tensors."""
     scene = NSQScene()
     scene.add_source("beam", CoordinateSystem(z=-20.0), CollimatedSourceConfig(Spectrum([0.55], [1.0]), aperture_radius=8.0))
-    scene.add_lens("L", CoordinateSystem(), LensConfig(60.0, -60.0, 5.0, NSQMaterial(IdealMaterial(1.5168)), 14.0))
-    scene.add_detector("image", CoordinateSystem(z=52.0), IrradianceDetectorConfig(4.0, 4.0, pixels, pixels, splat="bilinear"))
+    scene.add_lens("L", CoordinateSystem(), LensConfig(r1, -60.0, 5.0, NSQMaterial(IdealMaterial(1.5168)), 14.0))
+    scene.add_detector("image", CoordinateSystem(z=z), IrradianceDetectorConfig(4.0, 4.0, pixels, pixels, splat="bilinear"))
     return scene
 
 
@@ -85,7 +98,7 @@ def methods(max_rays: int) -> None:
     """Print what methods need for the smallest spot, each judged by draws that none has seen."""
     def spot(seed: int, num_rays: int, **options: object) -> nsq_gpu.Problem:
         operand = RmsRadius(detector="image", target=0, where=DIRECT)
-        return nsq_gpu.Problem(singlet(512), {"image.z": (50.0, 62.0)}, operand, seed=seed, num_rays=num_rays, blocks=BLOCKS, **options)
+        return nsq_gpu.Problem(singlet(FINE), {"image.z": PLACES}, operand, seed=seed, num_rays=num_rays, blocks=BLOCKS, **options)
 
     judge = spot(999, 1_000_000)
     print(f"methods: image.z for the smallest spot, at most {max_rays:,} rays a trace; merit by 1,000,000 other rays")
@@ -96,9 +109,93 @@ def methods(max_rays: int) -> None:
         one = spot(0, 20_000, **options)
         begin = time.perf_counter()
         design = one.minimize(method, max_rays=max_rays)
-        taken = time.perf_counter() - begin
-        print(f"  {label:28}  {taken:6.1f} s  {one.rays_so_far:>12,} rays  z = {design.numbers['image.z']:.3f}"
-              f"  merit {float(judge.value(list(design.numbers.values()))):.3e}")
+        row(label, time.perf_counter() - begin, one.rays_so_far, "z", design.numbers["image.z"], judge)
+    torch_methods(judge)
+
+
+def row(label: str, seconds: float, num_rays: int, name: str, found: float, judge: nsq_gpu.Problem) -> None:
+    """Print what a method needed, and how good it is."""
+    merit = float(judge.value([found]))
+    print(f"  {label:34}  {seconds:6.1f} s  {num_rays:>12,} rays  {name} = {found:.3f}  merit {merit:.3e}", flush=True)
+
+
+def torch_methods(judge: nsq_gpu.Problem) -> None:
+    """Print the same of Optiland's TorchBackend: over image.z, or why that has no row, and over L.r1."""
+    if importlib.util.find_spec("torch") is None:
+        print("  TorchBackend over image.z           no row: Torch is not installed here; .venv-torch/bin/python has it")
+        return
+    try:
+        by_torch("TorchBackend over image.z", "z", 52.0, PLACES, judge)
+    except RuntimeError as error:
+        print(f"  TorchBackend over image.z           no row: {error}")
+
+    def radius(seed: int, num_rays: int, **options: object) -> nsq_gpu.Problem:
+        # TorchBackend keeps no light by its path, so the spot is one of all light.
+        operand = RmsRadius(detector="image", target=0)
+        return nsq_gpu.Problem(singlet(FINE), {"L.r1": RADII}, operand, seed=seed, num_rays=num_rays, blocks=BLOCKS, **options)
+
+    judge = radius(999, 1_000_000)
+    print(f"methods: L.r1 for the smallest spot of all light, {TORCH_RAYS:,} rays a trace; merit by 1,000,000 other rays")
+    one = radius(0, TORCH_RAYS, gradient="reverse")
+    begin = time.perf_counter()
+    # TorchBackend finds no errors of the radius either.
+    design = one.minimize("L-BFGS-B", max_rays=TORCH_RAYS, errors=False)
+    row("L-BFGS-B, rays walked back", time.perf_counter() - begin, one.rays_so_far, "r1", design.numbers["L.r1"], judge)
+    by_torch("L-BFGS-B, TorchBackend's autograd", "r1", 60.0, RADII, judge)
+
+
+def by_torch(label: str, name: str, start: float, bounds: tuple[float, float], judge: nsq_gpu.Problem) -> None:
+    """Print what SciPy's L-BFGS-B needs with merits and gradients of TorchBackend.
+
+    Raises:
+        RuntimeError: The merit is on no graph of the number.
+    """
+    import optiland.backend as be
+    import scipy.optimize
+    import torch
+    from optiland.nonsequential.backends.torch_backend import TorchBackend
+
+    low, high = bounds
+    num_traces = 0
+
+    def merit(share: float) -> Any:
+        nonlocal num_traces
+        num_traces += 1
+        number = torch.tensor(low + share * (high - low), dtype=torch.float64, requires_grad=True)
+        found = singlet(FINE, **{name: number}).trace(TORCH_RAYS, backend=TorchBackend(seed=0), seed=0).detectors["image"]
+        return squared_radius(found, torch), number
+
+    def scaled(scale: float) -> Callable[[Any], tuple[float, list[float]]]:
+        def of(u: Any) -> tuple[float, list[float]]:
+            found, number = merit(float(u[0]))
+            slope = torch.autograd.grad(found, number)[0]
+            return float(found) / scale, [float(slope) * (high - low) / scale]
+
+        return of
+
+    be.set_backend("torch")
+    be.set_precision("float64")
+    begin = time.perf_counter()
+    try:
+        first, _ = merit((start - low) / (high - low))
+        if not first.requires_grad:
+            raise RuntimeError(f"its result is on no graph of {name}: optiland.nonsequential's _get_transform makes NumPy arrays of places")
+        options = {"method": "L-BFGS-B", "jac": True, "bounds": [(0.0, 1.0)], "tol": 1e-6}
+        done = scipy.optimize.minimize(scaled(float(first)), [(start - low) / (high - low)], **options)
+    finally:
+        be.set_backend("numpy")
+    taken = time.perf_counter() - begin
+    row(label, taken, num_traces * TORCH_RAYS, name, low + float(done.x[0]) * (high - low), judge)
+
+
+def squared_radius(found: Any, torch: Any) -> Any:
+    """Return the mean square distance from the centroid of a map of TorchBackend, less what linear weights of pixels add."""
+    flux = found.data.reshape(FINE, FINE)
+    x, y = torch.as_tensor(found.x_coords)[None, :], torch.as_tensor(found.y_coords)[:, None]
+    whole = flux.sum()
+    centre = (flux * x).sum() / whole, (flux * y).sum() / whole
+    pixel = float(x[0, 1] - x[0, 0])
+    return (flux * (x**2 + y**2)).sum() / whole - centre[0]**2 - centre[1]**2 - pixel**2 / 3.0
 
 
 def main() -> None:

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from nsq_gpu.arguments import missing, near
+from nsq_gpu.design import checking
 from nsq_gpu.design.log import Log, Step
 from nsq_gpu.design.objectives import merit
-from nsq_gpu.design.problem import CHECKED_HERE, is_number
+from nsq_gpu.design.problem import CHECKED_HERE
 from nsq_gpu.display import Displayed, Summary, number
 from nsq_gpu.errors import Interrupted, NsqGpuError, SceneError, UsageError, with_partial
-from nsq_gpu.export.values import whole_number
 
 if TYPE_CHECKING:
     from nsq_gpu.design.problem import Problem, Value
@@ -253,25 +253,24 @@ def minimize(problem: Problem, method: str, *, x0: Any, max_rays: int | None, bu
              tolerance: float, errors: bool, callback: Callable[[Any], Any] | None, log_file: str | os.PathLike[str] | None,
              resume: Log | str | os.PathLike[str] | None, options: Mapping[str, Any]) -> Design:
     """Do what :meth:`nsq_gpu.Problem.minimize` says."""
-    if method not in METHODS:
-        raise UsageError(f"method is {method!r}; {near(str(method), METHODS)}")
+    checking.one_of("method", method, METHODS)
     blocks = problem._plain.blocks
-    most = 16 * problem.num_rays if max_rays is None else whole_number("max_rays", max_rays) // blocks * blocks
-    if whole_number("growth", growth) < 2:
-        raise UsageError(f"growth is {growth!r}; give 2 or more")
-    if whole_number("steps", steps) < 1:
-        raise UsageError(f"steps is {steps!r}; give 1 or more")
-    if budget is not None and not (is_number(budget) and budget > 0):
-        raise UsageError(f"budget is {budget!r}; give a number of rays, more than 0, or None")
-    if not (is_number(tolerance) and tolerance >= 0.0):
-        raise UsageError(f"tolerance is {tolerance!r}; give a number of 0 or more")
+    most = 16 * problem.num_rays if max_rays is None else checking.rays_of("max_rays", max_rays, blocks) // blocks * blocks
+    growth, steps = checking.whole("growth", growth, 2), checking.whole("steps", steps, 1)
+    most_rays = np.inf if budget is None else checking.number("budget", budget, "a number of rays, more than 0, or None", above=0.0)
+    tolerance = checking.number("tolerance", tolerance, "a number of 0 or more", least=0.0)
+    errors = checking.flag("errors", errors)
+    if callback is not None:
+        checking.function("callback", callback, "lambda step: step.merit < 1e-6, or None")
+    if not isinstance(resume, Log | str | os.PathLike | None):
+        raise checking.refused("resume", resume, "a log, its file, or None")
     _check_options(method, options)
     x = np.array(list(problem.numbers(problem.x0 if x0 is None else x0).values()))
     if log_file is not None:
         Log.check_file(log_file, resume)
     known = resume if resume is None or isinstance(resume, Log) else Log.load(resume)
     log = problem.log = problem._fresh_log()
-    run = _Run(problem, log, log_file, callback, np.inf if budget is None else float(budget), steps, method not in _WITHOUT)
+    run = _Run(problem, log, log_file, callback, most_rays, steps, method not in _WITHOUT)
     num_rays = problem.num_rays
     try:
         if known is not None:

@@ -6,12 +6,14 @@ Noise adds nothing to squares and higher powers of a map here: they are products
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from nsq_gpu.arguments import near
+from nsq_gpu.design import checking
 from nsq_gpu.design.maps import BlockMaps, Maps, by_pairs, by_powers, pairs, powers
 from nsq_gpu.errors import ResultWarning, UsageError, warn
 
@@ -23,6 +25,7 @@ _LINES = 16
 Adjoints = dict[str, np.ndarray]
 
 
+@checking.by_names
 @dataclass(frozen=True, kw_only=True)
 class Objective(ABC):
     """A number of what a detector sees, and what is wanted of it.
@@ -51,20 +54,31 @@ class Objective(ABC):
     fewest_blocks = 2
 
     def __post_init__(self) -> None:
+        kind = type(self).__name__
+        if self.name is not None:
+            self._take(name=checking.text(f"{kind}: name", self.name, "a text, or None"))
+        self._take(detector=checking.text(f"{self.name or kind}: detector", self.detector, 'the name of a detector, such as "image"'))
+        self._take(where=checking.filter_of(f"{self.label}: where", self.where), guide=checking.flag(f"{self.label}: guide", self.guide),
+                   weight=checking.number(f"{self.label}: weight", self.weight, "a number of 0 or more", least=0.0))
+        for key in ("target", "min_val", "max_val"):
+            if getattr(self, key) is not None:
+                self._take(**{key: checking.number(f"{self.label}: {key}", getattr(self, key))})
         if self.target is None and self.min_val is None and self.max_val is None:
             raise UsageError(f"{self.label}: say what is wanted: target, min_val or max_val")
         if self.target is not None and (self.min_val is not None or self.max_val is not None):
             raise UsageError(f"{self.label}: give a target, or min_val and max_val, and not both")
         if self.min_val is not None and self.max_val is not None and self.min_val > self.max_val:
-            raise UsageError(f"{self.label}: min_val = {self.min_val:g} is larger than max_val = {self.max_val:g}")
-        for key in ("target", "min_val", "max_val", "weight"):
-            given = getattr(self, key)
-            if given is not None and not np.isfinite(given):
-                raise UsageError(f"{self.label}: {key} is {given!r}; give a number")
+            raise UsageError(f"{self.label}: min_val = {self.min_val:g} is larger than max_val = {self.max_val:g}; give the smaller one as "
+                             "min_val")
         self._check()
 
     def _check(self) -> None:  # noqa: B027
-        """Refuse arguments of the kind that make no sense."""
+        """Take arguments of the kind, or refuse them."""
+
+    def _take(self, **taken: Any) -> None:
+        """Keep arguments as they were taken: a number of NumPy's as one of Python's."""
+        for key, value in taken.items():
+            object.__setattr__(self, key, value)
 
     @property
     def label(self) -> str:
@@ -119,6 +133,7 @@ def _is_pixels(maps: BlockMaps, kernel: float | None, label: str) -> None:
                          "the detector more pixels")
 
 
+@checking.by_names
 @dataclass(frozen=True, kw_only=True)
 class _InRegion(Objective):
     """An objective of a part of a detector.
@@ -133,9 +148,9 @@ class _InRegion(Objective):
 
     def _check(self) -> None:
         for key, count, example in (("region", 4, "(-5, 5, -5, 5)"), ("circle", 3, "(0, 0, 5)")):
-            given = getattr(self, key)
-            if given is not None and (len(given) != count or not np.isfinite(np.asarray(given, dtype=float)).all()):
-                raise UsageError(f"{self.label}: {key} is {given!r}; give {count} numbers [mm], such as {example}")
+            if getattr(self, key) is not None:
+                wanted = f"{count} numbers [mm], such as {example}"
+                self._take(**{key: checking.numbers(f"{self.label}: {key}", getattr(self, key), count, wanted)})
         if self.region is not None and self.circle is not None:
             raise UsageError(f"{self.label}: give a region or a circle, and not both")
         if self.region is not None and not (self.region[0] < self.region[1] and self.region[2] < self.region[3]):
@@ -152,6 +167,7 @@ class _InRegion(Objective):
         return shares
 
 
+@checking.by_names
 @dataclass(frozen=True, kw_only=True)
 class Flux(_InRegion):
     """Flux in a region of a detector [W].
@@ -167,6 +183,7 @@ class Flux(_InRegion):
         return float((of.mean * shares).sum()), {self.detector: np.broadcast_to(shares / of.num_blocks, of.flux.shape)}
 
 
+@checking.by_names
 @dataclass(frozen=True, kw_only=True)
 class Uniformity(_InRegion):
     """How even the light in a region is: the square of the mean irradiance over the mean of its square.
@@ -183,6 +200,12 @@ class Uniformity(_InRegion):
     """
 
     kernel: float | None = None
+
+    def _check(self) -> None:
+        super()._check()
+        if self.kernel is not None:
+            wanted = "the width of a Gaussian, 0 mm or more, or None"
+            self._take(kernel=checking.number(f"{self.label}: kernel", self.kernel, wanted, least=0.0))
 
     def value_and_adjoints(self, maps: Maps) -> tuple[float, Adjoints]:
         of = maps[self.detector]
@@ -201,6 +224,7 @@ class Uniformity(_InRegion):
         return value, {self.detector: of.spread_by(adjoint, self.kernel)}
 
 
+@checking.by_names
 @dataclass(frozen=True, kw_only=True)
 class RmsRadius(Objective):
     """Root mean square distance of the light from its centroid [mm].
@@ -235,6 +259,7 @@ class RmsRadius(Objective):
         return value, {self.detector: np.asarray(adjoint) / (2.0 * value)}
 
 
+@checking.by_names
 @dataclass(frozen=True, kw_only=True)
 class EncircledEnergy(Objective):
     """Share of the light within a circle about its centroid.
@@ -250,8 +275,9 @@ class EncircledEnergy(Objective):
     centre: tuple[float, float] | None = None
 
     def _check(self) -> None:
-        if not (np.isfinite(self.radius) and self.radius > 0.0):
-            raise UsageError(f"{self.label}: radius is {self.radius!r}; give more than 0 mm")
+        self._take(radius=checking.number(f"{self.label}: radius", self.radius, "more than 0 mm", above=0.0))
+        if self.centre is not None:
+            self._take(centre=checking.numbers(f"{self.label}: centre", self.centre, 2, "2 numbers [mm], such as (0, 0), or None"))
 
     def value_and_adjoints(self, maps: Maps) -> tuple[float, Adjoints]:
         of = maps[self.detector]
@@ -272,6 +298,7 @@ class EncircledEnergy(Objective):
         return value, {self.detector: np.broadcast_to(adjoint / of.num_blocks, of.flux.shape)}
 
 
+@checking.by_names
 @dataclass(frozen=True, kw_only=True)
 class MatchMap(Objective):
     """How far a map is from a wanted one: the sum of squares of what is missing, over that of the wanted map.
@@ -287,13 +314,16 @@ class MatchMap(Objective):
     shape: bool = True
 
     def _check(self) -> None:
-        wanted = np.asarray(self.wanted, dtype=float)
-        if wanted.size == 0 or not np.isfinite(wanted).all() or not wanted.any():
+        wanted = checking.array(f"{self.label}: wanted", self.wanted, "an array of numbers in the detector's shape", "biuf")
+        self._take(wanted=wanted, shape=checking.flag(f"{self.label}: shape", self.shape))
+        if wanted.ndim != 2 or not np.isfinite(wanted).all() or not wanted.any():
             raise UsageError(f"{self.label}: wanted has no finite map; give an array in the detector's shape")
+        if self.shape and not wanted.sum() > 0.0:
+            raise UsageError(f"{self.label}: the sum of wanted is {wanted.sum():g}; give a map whose sum is more than 0, or shape=False")
 
     def value_and_adjoints(self, maps: Maps) -> tuple[float, Adjoints]:
         of = maps[self.detector]
-        wanted = np.asarray(self.wanted, dtype=float)
+        wanted = self.wanted
         if wanted.shape != of.flux.shape[1:]:
             raise UsageError(f"{self.label}: wanted has the shape {wanted.shape}, and the detector has {of.flux.shape[1:]}")
         wanted = wanted / wanted.sum() if self.shape else wanted * of.area
@@ -313,6 +343,7 @@ class MatchMap(Objective):
         return value, {self.detector: adjoint}
 
 
+@checking.by_names
 @dataclass(frozen=True, kw_only=True)
 class Peak(_InRegion):
     """The brightest place after a Gaussian kernel, as a mean that is smooth [W/mm^2].
@@ -332,10 +363,8 @@ class Peak(_InRegion):
 
     def _check(self) -> None:
         super()._check()
-        if not isinstance(self.order, int) or self.order < 2:
-            raise UsageError(f"{self.label}: order is {self.order!r}; give a whole number of 2 or more")
-        if self.kernel is None or not (np.isfinite(self.kernel) and self.kernel > 0.0):
-            raise UsageError(f"{self.label}: kernel is {self.kernel!r}; give the width of the Gaussian, more than 0 mm")
+        kernel = checking.number(f"{self.label}: kernel", self.kernel, "the width of the Gaussian, more than 0 mm", above=0.0)
+        self._take(kernel=kernel, order=checking.whole(f"{self.label}: order", self.order, 2))
 
     @property
     def fewest_blocks(self) -> int:  # type: ignore[override]
@@ -369,6 +398,7 @@ class Peak(_InRegion):
         return value * scale, {self.detector: of.spread_by(adjoint, self.kernel) / of.area}
 
 
+@checking.by_names
 @dataclass(frozen=True, kw_only=True)
 class GhostFlux(Flux):
     """Flux of ghosts [W]: light that was reflected at least twice, and not scattered. Rays are guided towards it."""
@@ -377,6 +407,7 @@ class GhostFlux(Flux):
     guide: bool = True
 
 
+@checking.by_names
 @dataclass(frozen=True, kw_only=True)
 class GhostPeak(Peak):
     """The brightest place of ghosts [W/mm^2], as :class:`Peak` has it. Rays are guided towards them."""
@@ -385,6 +416,7 @@ class GhostPeak(Peak):
     guide: bool = True
 
 
+@checking.by_names
 @dataclass(frozen=True, kw_only=True)
 class TorchFunction(Objective):
     """Any function of a detector's map, in Torch: it takes the irradiance [W/mm^2] as a tensor, and returns a number.
@@ -394,7 +426,10 @@ class TorchFunction(Objective):
     >>> TorchFunction(detector="screen", function=lambda map: (map[8:24] ** 0.5).mean(), target=1.0)
     """
 
-    function: Callable[..., Any] = field(default=float, compare=False)
+    function: Any = field(default=None, compare=False)
+
+    def _check(self) -> None:
+        checking.function(f"{self.label}: function", self.function, "lambda map: map.sum()")
 
     def value_and_adjoints(self, maps: Maps) -> tuple[float, Adjoints]:
         import torch
@@ -417,9 +452,8 @@ def merit(objectives: Sequence[Objective], values: Sequence[float]) -> float:
 
 def check_objectives(given: Any, detectors: Mapping[str, str]) -> list[Objective]:
     """Return objectives, each of a detector with a map; refuse others by name."""
-    from nsq_gpu.arguments import near
-
-    listed: list[Any] = [given] if isinstance(given, Objective) else list(given) if isinstance(given, Sequence) else [given]
+    listed = checking.listed(given)
+    listed = [given] if listed is None else listed
     if not listed:
         raise UsageError('operands is empty; give one at least, such as nsq_gpu.design.Flux(detector="screen", target=1.0)')
     for of in listed:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -17,17 +17,17 @@ import optiland.backend as be
 from optiland.nonsequential.components.refractive import RefractiveComponent
 from optiland.optic import Optic
 
-from nsq_gpu.arguments import near, wrong_kind
+from nsq_gpu.arguments import PRECISIONS, near, wrong_kind
 from nsq_gpu.binary import find_binary
 from nsq_gpu.convert import from_optic
+from nsq_gpu.design import checking
 from nsq_gpu.design.log import Log
-from nsq_gpu.design.maps import BlockMaps, Estimate, Maps, jackknife
+from nsq_gpu.design.maps import FEWEST_BLOCKS, BlockMaps, Estimate, Maps, jackknife
 from nsq_gpu.design.objectives import GHOSTS, Flux, Objective, Peak, RmsRadius, Uniformity
 from nsq_gpu.design.steps import LONG, TINY, along, step_between
 from nsq_gpu.design.tracing import Asked, Json, Tracer
 from nsq_gpu.errors import NsqGpuError, SceneError, UsageError
 from nsq_gpu.export import ExportedScene, export, export_wanted, to_json
-from nsq_gpu.export.values import whole_number
 from nsq_gpu.session import shared_session
 
 #: Width of the kernel of a peak over the image's longer side, where nobody says it.
@@ -99,6 +99,7 @@ class _State:
 _state = _State()
 
 
+@checking.by_names
 def register_operands() -> Log:
     """Register operands of scenes in ``optiland.optimization``, beside Optiland's own; return their log.
 
@@ -140,6 +141,7 @@ def register_operands() -> Log:
     return _state.log
 
 
+@checking.by_names
 def operand_estimate(operand: str, **input_data: Any) -> Estimate:
     """Return the value of an operand with its standard error and its bias.
 
@@ -152,11 +154,11 @@ def operand_estimate(operand: str, **input_data: Any) -> Estimate:
     Raises:
         UsageError: There is no such operand, or it takes no such data.
     """
-    if operand not in KINDS:
-        raise UsageError(f"there is no operand {operand!r}; {near(str(operand), KINDS)}")
+    checking.one_of("operand", operand, list(KINDS))
     return _Evaluation(operand, input_data).estimate()
 
 
+@checking.by_names
 def renew(optic: Any) -> None:
     """Forget what is kept of an optic: the size of its image, its guides and its precision. The next trace finds them anew.
 
@@ -207,12 +209,39 @@ class _Evaluation:
         self.given = {**known, **input_data}
         if not isinstance(self.given["optic"], Optic):
             raise wrong_kind(f"{name}: optic", self.given["optic"], "give Optiland's Optic as input_data={'optic': lens}")
+        #: What the number is of, as far as the input data say it: the scene is not known yet.
+        self._wanted = self._take()
         self._depth, self._made = 16, ""
         program = find_binary(self.given["binary"])
         key = (program, self.given["adapter"])
         if key not in _state.tracers:
             _state.tracers[key] = Tracer(shared_session(program, self.given["adapter"]), program)
         self._tracer = _state.tracers[key]
+
+    def _take(self) -> Objective:
+        """Take the input data, or refuse them; return their objective."""
+        name, given = self.name, self.given
+        own = {key: given[key] for key in self.kind.own}
+        if self.kind.is_of_ghosts:
+            given["guide"] = True if given["guide"] is None else given["guide"]
+            if "kernel" in own and own["kernel"] is None:
+                # The scene says which one.
+                own["kernel"] = 1.0
+        given["guide"] = given["guide"] is not None and checking.flag(f"{name}: guide", given["guide"])
+        shared = {key: given[key] for key in ("detector", "where", "guide")}
+        objective = self.kind.objective(target=0.0, name=name, **shared, **own)
+        given.update({key: getattr(objective, key) for key in own if given[key] is not None})
+        given["blocks"] = checking.whole(f"{name}: blocks", given["blocks"], max(objective.fewest_blocks, FEWEST_BLOCKS))
+        given["num_rays"] = checking.rays_of(f"{name}: num_rays", given["num_rays"], given["blocks"])
+        given["seed"] = checking.seed_of(f"{name}: seed", given["seed"])
+        checking.one_of(f"{name}: precision", given["precision"], PRECISIONS)
+        pixels = "2 whole numbers of 1 or more, such as (128, 128)"
+        given["detector_pixels"] = tuple(checking.wholes(f"{name}: detector_pixels", given["detector_pixels"], 2, pixels, 1))
+        given["margin"] = checking.number(f"{name}: margin", given["margin"], "a number of 1 or more", least=1.0)
+        for key, check in _OR_NONE.items():
+            if given[key] is not None:
+                given[key] = check(f"{name}: {key}", given[key])
+        return objective
 
     def value(self) -> Any:
         """Return the value, with Torch a tensor that may carry a graph."""
@@ -331,34 +360,22 @@ class _Evaluation:
         fields, names = self.given["fields"], scene.source_names
         if fields is None:
             return list(names)
-        is_list = isinstance(fields, Sequence | np.ndarray) and not isinstance(fields, str) and len(fields) > 0
-        if not is_list or any(isinstance(item, bool) or not isinstance(item, int | np.integer) or not 0 <= item < len(names) for item in fields):
-            raise UsageError(f"{self.name}: fields is {fields!r}; give a list of numbers of the optic's fields, 0 to {len(names) - 1}, or None")
+        if max(fields) >= len(names):
+            wanted = f"a list of numbers of the optic's fields, 0 to {len(names) - 1}, or None"
+            raise checking.refused(f"{self.name}: fields", fields, wanted)
         return [names[item] for item in fields]
 
     def _objective(self, scene: Any) -> Objective:
         given = self.given
         if given["detector"] not in scene.detector_names:
-            raise UsageError(f"{self.name}: the scene has no detector {given['detector']!r}; {near(str(given['detector']), scene.detector_names)}")
-        own = {key: given[key] for key in self.kind.own}
-        if "kernel" in own and own["kernel"] is None and self.name == "nsq_ghost_peak":
-            own["kernel"] = max(float(scene.detectors[0].width), float(scene.detectors[0].height)) * _KERNEL
-        where, guide = given["where"], given["guide"]
-        if where is not None and not isinstance(where, str):
-            raise UsageError(f'{self.name}: where is {where!r}; give a text, such as "reflections == 0"')
+            known = near(given["detector"], scene.detector_names)
+            raise UsageError(f"{self.name}: the scene has no detector {given['detector']!r}; {known}")
+        found: dict[str, Any] = {}
         if self.kind.is_of_ghosts:
-            where = ghosts_of(scene) if where is None else where
-            guide = True if guide is None else guide
-        if guide not in (None, True, False):
-            raise UsageError(f"{self.name}: guide is {guide!r}; give True, False or None")
-        objective = self.kind.objective(detector=given["detector"], target=0.0, where=where, guide=bool(guide), name=self.name, **own)
-        blocks = whole_number("blocks", given["blocks"])
-        least = max(objective.fewest_blocks, 4)
-        if blocks < least:
-            raise UsageError(f"{self.name}: blocks is {blocks}; give {least} or more")
-        if whole_number("num_rays", given["num_rays"]) < blocks:
-            raise UsageError(f"{self.name}: num_rays is {given['num_rays']}; give at least one for each of the {blocks} blocks")
-        return objective
+            found["where"] = ghosts_of(scene) if given["where"] is None else given["where"]
+            if "kernel" in self.kind.own and given["kernel"] is None:
+                found["kernel"] = max(float(scene.detectors[0].width), float(scene.detectors[0].height)) * _KERNEL
+        return replace(self._wanted, **found)
 
     def asked(self, document: Json, objective: Objective, least_rays: int = 0) -> Asked:
         """Return how a field is traced, with ``least_rays`` or more."""
@@ -366,8 +383,7 @@ class _Evaluation:
         frozen = _state.optics.setdefault(given["optic"], _Frozen())
         depth = document["depth"] if given["max_depth"] is None else given["max_depth"]
         precision = frozen.precision if given["precision"] == "auto" and frozen.precision is not None else given["precision"]
-        asked = Asked(max(whole_number("num_rays", given["num_rays"]), least_rays), whole_number("blocks", given["blocks"]),
-                      whole_number("seed", given["seed"]), whole_number("max_depth", depth), precision, objective.where)
+        asked = Asked(max(given["num_rays"], least_rays), given["blocks"], given["seed"], depth, precision, objective.where)
         if not objective.guide:
             return asked
         file, is_new = self._tracer.guide(without_depth(document), objective.where, max_depth=asked.max_depth, seed=asked.seed,
@@ -417,6 +433,17 @@ class _Evaluation:
             sources = [source for source in document["sources"] if source["name"] == name]
             found.append({**document, "sources": sources, "nsq_gpu": block, "depth": self._depth})
         return found
+
+
+#: How input data are taken that may be None.
+_OR_NONE: dict[str, Callable[[str, Any], Any]] = {
+    "fields": lambda name, value: checking.wholes(name, value, None, "a list of numbers of the optic's fields, such as [0, 2], or None", 0),
+    "max_depth": checking.depth_of,
+    "detector_size": lambda name, value: checking.numbers(
+        name, value, 2, "a width and a height of more than 0 mm, such as (24.0, 36.0), or None", above=0.0),
+    "binary": checking.path,
+    "adapter": lambda name, value: checking.text(name, value, "a part of an adapter's name, or None"),
+}
 
 
 def plain(document: Any) -> Any:

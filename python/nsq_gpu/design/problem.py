@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 from optiland.nonsequential import NSQScene
 
-from nsq_gpu.arguments import answering, check_mapping, near, of_names
+from nsq_gpu.arguments import PRECISIONS, answering, check_mapping, near, of_names
 from nsq_gpu.binary import find_binary
+from nsq_gpu.design import checking
 from nsq_gpu.design.log import Log
 from nsq_gpu.design.maps import FEWEST_BLOCKS, Estimate, Maps, jackknife, jackknife_errors
 from nsq_gpu.design.objectives import Objective, check_objectives, merit
 from nsq_gpu.design.tracing import Asked, Json, Tracer
 from nsq_gpu.display import Displayed, Summary, number
 from nsq_gpu.errors import NsqGpuWarning, SceneError, UsageError, warn
-from nsq_gpu.export.values import whole_number
 from nsq_gpu.gradients import _asked, warn_of_lost
 from nsq_gpu.scene_file import parsed
 from nsq_gpu.session import shared_session
@@ -119,18 +119,30 @@ class Problem:
         UsageError: Bounds or operands make no sense.
     """
 
+    @checking.by_names
     def __init__(self, scene: NSQScene | str | os.PathLike[str], variables: Mapping[str, tuple[float, float]],
                  operands: Objective | Sequence[Objective], *, num_rays: int = 20_000, blocks: int = 10, seed: int = 0,
                  gradient: str = "auto", step: float = 0.005, max_depth: int | None = None, precision: str = "auto",
                  adapter: str | None = None, binary: str | os.PathLike[str] | None = None) -> None:
         check_mapping("variables", variables, '{"L1.r1": (20.0, 60.0)}')
-        self.names = list(variables)
+        if not variables:
+            raise UsageError('variables is empty; give one at least, such as {"L1.r1": (20.0, 60.0)}')
+        self.names = [checking.text("variables: a name", name, 'the name of a number, such as "L1.r1"') for name in variables]
         self.bounds = np.array([_bounds(name, variables[name]) for name in self.names])
-        if gradient not in GRADIENTS:
-            raise UsageError(f"gradient is {gradient!r}; {near(str(gradient), GRADIENTS)}")
-        if not (is_number(step) and 0.0 < step <= 0.1):
-            raise UsageError(f"step is {step!r}; give a share of the range of a variable, more than 0 and at most 0.1")
-        names, self._text, place = _asked(scene, self.names)
+        self._gradient = checking.one_of("gradient", gradient, GRADIENTS)
+        self._step = checking.number("step", step, "a share of the range of a variable, more than 0 and at most 0.1", above=0.0, most=0.1)
+        blocks = checking.whole("blocks", blocks, FEWEST_BLOCKS)
+        self._plain = Asked(checking.rays_of("num_rays", num_rays, blocks) // blocks * blocks, blocks, checking.seed_of("seed", seed),
+                            None if max_depth is None else checking.depth_of("max_depth", max_depth),
+                            checking.one_of("precision", precision, PRECISIONS))
+        if adapter is not None:
+            checking.text("adapter", adapter, "a part of an adapter's name, or None")
+        if binary is not None:
+            checking.path("binary", binary)
+        try:
+            names, self._text, place = _asked(scene, self.names)
+        except (OSError, UnicodeDecodeError) as error:
+            raise UsageError(f"scene: {scene} cannot be read: {getattr(error, 'strerror', None) or error}; name a scene file") from None
         program = find_binary(binary)
         session = shared_session(program, adapter)
         self._tracer = Tracer(session, program, name=str(place["name"]), folder=place["folder"])
@@ -138,19 +150,11 @@ class Problem:
         self._detectors: list[Json] = list(self._document["detectors"])
         self.operands = check_objectives(operands, {entry["name"]: entry["type"] for entry in self._detectors})
         self.labels = _labels(self.operands)
-        blocks = whole_number("blocks", blocks)
-        fewest = max(FEWEST_BLOCKS, *(of.fewest_blocks for of in self.operands))
-        if blocks < fewest:
-            raise UsageError(f"blocks is {blocks}; give {fewest} or more")
+        checking.whole("blocks", blocks, max(of.fewest_blocks for of in self.operands))
         with answering(self._text, names):
             start = session.numbers(self._text, names)
         #: The scene's own values of the variables, within bounds.
         self.x0 = np.clip(np.array([start[name] for name in names]), *self.bounds.T)
-        self._plain = Asked(whole_number("num_rays", num_rays) // blocks * blocks, blocks, whole_number("seed", seed),
-                            None if max_depth is None else whole_number("max_depth", max_depth), precision)
-        if num_rays < blocks:
-            raise UsageError(f"num_rays is {num_rays}; give at least one for each of the {blocks} blocks")
-        self._gradient, self._step = gradient, float(step)
         self._by_differences: set[str] | None = None
         #: Places where light at edges was looked for, as shares of ranges, by the operands' places.
         self._checked: dict[int, list[np.ndarray]] = {}
@@ -184,15 +188,17 @@ class Problem:
 
     @num_rays.setter
     def num_rays(self, count: int) -> None:
-        self._plain = replace(self._plain, num_rays=max(whole_number("num_rays", count) // self._plain.blocks, 1) * self._plain.blocks)
+        blocks = self._plain.blocks
+        self._plain = replace(self._plain, num_rays=checking.rays_of("num_rays", count, blocks) // blocks * blocks)
 
+    @checking.by_names
     def renew(self, seed: int | None = None) -> None:
         """Take other draws, and learn guides anew; the log has it. Values before and after are of different functions.
 
         Args:
             seed: The new seed; None takes the next one.
         """
-        self._plain = replace(self._plain, seed=self._plain.seed + 1 if seed is None else whole_number("seed", seed))
+        self._plain = replace(self._plain, seed=self._plain.seed + 1 if seed is None else checking.seed_of("seed", seed))
         self._tracer.forget_guides()
         self._tracer.forget()
         self._gradients.clear()
@@ -239,6 +245,7 @@ class Problem:
 
     # Values
 
+    @checking.by_names
     def numbers(self, x: Any) -> dict[str, float]:
         """Return variables by their names, from an array in the order of ``names``, or from such a dictionary."""
         if isinstance(x, Mapping):
@@ -247,18 +254,16 @@ class Problem:
                     raise UsageError(f"x has {name!r}, which is no variable; {near(str(name), self.names)}")
             missing = [name for name in self.names if name not in x]
             if missing:
-                raise UsageError(f"x lacks {', '.join(map(repr, missing))}")
+                raise UsageError(f"x lacks {', '.join(map(repr, missing))}; give a number for each of {', '.join(self.names)}")
             x = [x[name] for name in self.names]
-        try:
-            values = np.asarray(x, dtype=float).ravel()
-        except (TypeError, ValueError):
-            raise UsageError(f"x is {x!r}; give a number for each of {', '.join(self.names)}") from None
+        values = checking.array("x", x, f"a number for each of {', '.join(self.names)}").ravel()
         if values.shape != (len(self.names),):
             raise UsageError(f"x has {values.size} numbers; give {len(self.names)}, of {', '.join(self.names)}")
         if not np.isfinite(values).all():
             raise UsageError(f"x is {values}; give finite numbers")
         return dict(zip(self.names, map(float, values), strict=True))
 
+    @checking.by_names
     def value(self, x: Any = None) -> Value:
         """Return the merit, and each operand's value, with standard errors.
 
@@ -277,9 +282,11 @@ class Problem:
         operands = {label: jackknife(value, column) for label, value, column in zip(self.labels, values, others.T, strict=True)}
         return Value(found.value, found.standard_error, found.bias, operands, self.num_rays)
 
+    @checking.by_names
     def maps(self, x: Any = None, *, where: str | None = None, guide: bool = False) -> Maps:
         """Return the maps of irradiance detectors, by blocks of rays."""
-        return self._groups(self._numbers(x), [(where, guide)])[where, guide]
+        group = checking.filter_of("where", where), checking.flag("guide", guide)
+        return self._groups(self._numbers(x), [group])[group]
 
     def _numbers(self, x: Any) -> dict[str, float]:
         self._freeze()
@@ -304,6 +311,7 @@ class Problem:
 
     # Gradients
 
+    @checking.by_names
     def gradient(self, x: Any = None, *, errors: bool = True) -> Gradient:
         """Return what the merit gains by a unit of each variable, with standard errors.
 
@@ -314,7 +322,7 @@ class Problem:
         Raises:
             SceneError: The scene cannot be traced with these numbers.
         """
-        numbers = self._numbers(x)
+        errors, numbers = checking.flag("errors", errors), self._numbers(x)
         key = (tuple(numbers.values()), self._plain)
         known = self._gradients.get(key)
         if known is not None and not (errors and np.isnan(known.standard_errors).any()):
@@ -515,17 +523,21 @@ class Problem:
         return {"fun": lambda x: float(self.value(x)), "x0": self.x0.copy(), "jac": lambda x: self.gradient(x, errors=False).values,
                 "bounds": [tuple(pair) for pair in self.bounds.tolist()]}
 
+    @checking.by_names
     def loss(self, x: Any) -> Any:
         """Return the merit of a tensor of variables, on its graph: for ``torch.optim``, or any function of it.
 
         >>> x = torch.tensor(problem.x0, requires_grad=True)
         >>> problem.loss(x).backward()
         """
+        if not hasattr(x, "detach"):
+            raise checking.refused("x", x, "a tensor of Torch, such as torch.tensor(problem.x0, requires_grad=True)")
         from nsq_gpu.design.torch_graph import Number
 
         numbers = x.detach().cpu().double().numpy()
         return Number.apply(float(self.value(numbers)), lambda: [self.gradient(numbers, errors=False).values], x)
 
+    @checking.by_names
     def spread(self, x: Any) -> np.ndarray:
         """Return standard errors of variables near a minimum: by how much noise moves it, and how far off it is.
 
@@ -568,6 +580,7 @@ class Problem:
         close = 1e-9 * (high - low)
         return bool((x[index] <= low + close and gradient[index] > 0.0) or (x[index] >= high - close and gradient[index] < 0.0))
 
+    @checking.by_names
     def minimize(self, method: str = "L-BFGS-B", *, x0: Any = None, max_rays: int | None = None, budget: float | None = None,
                  steps: int = 100, growth: int = 4, tolerance: float = 1e-6, errors: bool = True,
                  callback: Callable[[Any], Any] | None = None, log: str | os.PathLike[str] | None = None,
@@ -628,12 +641,10 @@ def _second(gradient: Callable[[np.ndarray], np.ndarray], at: np.ndarray, axis: 
 
 def _bounds(name: str, given: Any) -> tuple[float, float]:
     """Return the bounds of a variable."""
-    try:
-        low, high = map(float, given)
-    except (TypeError, ValueError):
-        low = high = np.nan
-    if not (np.isfinite([low, high]).all() and low < high):
-        raise UsageError(f"variables: {name} has {given!r}; give its least and its largest value, such as (20.0, 60.0)")
+    wanted = "its least and its largest value, such as (20.0, 60.0)"
+    low, high = checking.numbers(f"variables: the range of {name}", given, 2, wanted)
+    if not low < high:
+        raise checking.refused(f"variables: the range of {name}", given, wanted)
     return low, high
 
 
@@ -670,11 +681,6 @@ def _code(code: Any) -> str:
     constants = [_code(of) if hasattr(of, "co_code") else repr(sorted(map(repr, of))) if isinstance(of, frozenset) else repr(of)
                  for of in code.co_consts]
     return repr((code.co_code, code.co_names, constants))
-
-
-def is_number(value: object) -> bool:
-    """Tell whether a value is a finite number."""
-    return isinstance(value, int | float | np.number) and not isinstance(value, bool) and bool(np.isfinite(value))
 
 
 def _without(groups: Mapping[_Group, Maps], block: int) -> dict[_Group, Maps]:
