@@ -5,10 +5,10 @@
 # make accuracy    draws error against time for every tier, sampler and setting, and beside Optiland, into accuracy-out/
 # make test-long   the tests that take long, which `make test` leaves out (LONG_ARGS: some of them)
 # make gpu-report  what this machine's adapter does: agreement, bits, speed, into gpu-report-out/; wants no network
-# make test-random the comparison with NumPy on RANDOM_SCENES random scenes from RANDOM_SEED (`make test` has 37)
+# make test-random the comparison with NumPy on RANDOM_SCENES random scenes from RANDOM_SEED (`make test` has 36)
 # make test-torch  the comparison with Optiland's Torch backend, and Optiland's own tests of scenes (installs gigabytes)
 # make notebooks   runs docs/notebooks, and writes them with what they show into notebooks-out/, for Jupyter
-# make docs        builds the pages as a site, .docs/site/index.html; a broken link fails
+# make docs        builds the pages as a site, .docs/site/index.html; a broken link fails, and so does a false figure
 # make wheel       a wheel for any Linux on x86_64, and a source distribution, into dist/ (a whole release build)
 # make test-wheel  installs that wheel where there is no Rust, and does a first job there
 # make test-docs   looks at the site in Chromium: dead links, missing pictures, cut tables, the search
@@ -78,9 +78,12 @@ accuracy: fast-binary .venv/installed
 	@$(PEER_PYTHON) benches/accuracy.py --binary $(FAST_BINARY) --against optiland -o accuracy-out --overwrite $(ACCURACY_ARGS)
 
 # With the program, which writes a part of the reference, and traces what notebooks show. Only what notebooks printed is kept.
+# Then figures on the pages are compared with what their commands print.
 docs: adapter .venv-docs/installed
 	@rm -rf .docs/site .docs/doctrees
 	@NSQ_GPU_BINARY=$(BINARY) .venv-docs/bin/sphinx-build -q -W --keep-going -c docs/site -d .docs/doctrees . .docs/site
+	@$(PART) "claims, planted" 10 $(PYTHON) tests/house/claims.py --self-test
+	@NSQ_GPU_BINARY=$(BINARY) $(PART) claims 90 .venv-docs/bin/python tests/house/claims.py
 	@echo "written: .docs/site/index.html"
 
 test-docs: docs browser

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use syn::visit::{self, Visit};
 
 /// The rules of derivatives, each for a function by its name.
-const RULES: &str = "program/rewrite/jvp/rules.rs";
+const RULES: &str = "program/rewrite/rules.rs";
 
 /// The compilers that rewrite shaders: all words that they quote are names of WGSL, but for [`GENERATED`].
 const REWRITING: &str = "program/rewrite/";

@@ -1,7 +1,8 @@
 """The reference that the program and the package write themselves.
 
 A page asks for it by a comment on a line of its own, such as ``<!-- site: options -->``: in the repository the page reads
-as it stands, and on the site the comment gives way to what the program says at the time of the build."""
+as it stands, and on the site the comment gives way to what the program says at the time of the build. The claims that
+tests/house/claims.py checks are comments as well, which the site leaves out."""
 
 import importlib
 import inspect
@@ -15,6 +16,7 @@ from sphinx.application import Sphinx
 from sphinx.errors import ExtensionError
 
 MARKER = re.compile(r"^<!-- site: (.*?) -->$", re.MULTILINE)
+CLAIM = re.compile(r"^ *<!-- (?:dear )?claim: .*?-->$", re.MULTILINE | re.DOTALL)
 #: What Markdown would read as its own, outside of code.
 MARKDOWN = re.compile(r"([\\*_\[\]<>|$])")
 CODE = re.compile(r"(`[^`]*`)")
@@ -28,7 +30,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
 
 
 def expand(app: Sphinx, page: str, source: list[str]) -> None:
-    source[0] = MARKER.sub(lambda found: generated(page, found[1]), source[0])
+    source[0] = MARKER.sub(lambda found: generated(page, found[1]), CLAIM.sub("", source[0]))
 
 
 def generated(page: str, what: str) -> str:

@@ -3,6 +3,7 @@
 Each check is first shown a site with that fault. Without Chromium the tests are skipped."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -47,6 +48,12 @@ def test_no_line_of_a_page_is_taken_for_a_comment() -> None:
     assert lost_lines("of 100\n% or more\n```\n% of a shell\n```\n") == ["% or more"]
     listed = subprocess.run(["git", "ls-files", "*.md"], cwd=REPOSITORY, capture_output=True, text=True, check=True).stdout
     assert {page: lost for page in listed.split() if (lost := lost_lines((REPOSITORY / page).read_text(encoding="utf-8")))} == {}
+
+
+def test_no_claim_is_on_the_site() -> None:
+    claim = re.compile("<!-- (dear )?claim:")
+    assert claim.search("A text.\n<!-- dear claim: printed -->\n")
+    assert [page.name for page in SITE.rglob("*.html") if claim.search(page.read_text(encoding="utf-8"))] == []
 
 
 def test_the_lamp_on_the_page_is_that_of_the_example() -> None:

@@ -20,8 +20,8 @@ must be the printed one, rounded to the digits that the text has. Numbers stand 
     <!-- claim: run -->                    runs the block above, for what it leaves behind
 
 In a block `...` stands for anything. `dear claim:` marks what takes long. The commands of a page run one after the other in
-one temporary folder, where the repository's folders are at hand. Figures of traces are a processor's: where a graphics
-processor comes first, claims about the source alone are looked at.
+one temporary folder, with links to the repository's folders, which no command may change. Figures of traces are those of a
+processor: where a graphics processor comes first, claims about the source alone are looked at.
 """
 
 import argparse
@@ -164,45 +164,38 @@ def runner(folder):
 
 PRINTED = {"a": "flux   0.6745404  844,137 rays\nsize 1 << 20\n1 warning\n", "b": "  one   1.25 W\nother\n",
            "c": "68.99\nshare 0.69\n", "d": "| d |\n|---|\n| 5 |\n"}
-BLOCK = "```console\n$ b\none 1.25 W\n```\n"
-# (page, whether its claim is true; None if there is no claim).
-PLANTED = [
-    ("A flux of 0.6745 W.\n<!-- claim: a => flux # == flux of # W -->\n", True),
-    ("A flux of 0.6746 W.\n<!-- claim: a => flux # == flux of # W -->\n", False),
-    ("A flux of 0.67454041 W.\n<!-- claim: a => flux # == flux of # W -->\n", False),
-    ("A flux of 0.6745 W.\n## Next\n<!-- claim: a => flux # == flux of # W -->\n", False),
-    ("A flux of 0.6745 W. <!-- claim: a => flux # == flux of # W -->\n", False),
-    ("So `844,137` rays\nhave 0.675 W.\n<!-- claim: a => flux * # rays == So # rays have -->\n", True),
-    ("So 844,138 rays.\n<!-- claim: a => * # rays == So # rays -->\n", False),
-    ("At most 1,048,576, or 2^20.\n<!-- claim: a => size # == most #, or -->\n<!-- claim: a => size # == or # -->\n", True),
-    ("At most 2^21.\n<!-- claim: a => size # == most # -->\n", False),
-    ("There is one warning.\n<!-- claim: a => # warning == is # warning -->\n", True),
-    ("There are two warnings.\n<!-- claim: a => # warning == are # warning -->\n", False),
-    ("It is 69 %.\n<!-- claim: c => share # == is #% -->\n", True),
-    ("It is 70 %.\n<!-- claim: c => share # == is #% -->\n", False),
-    ("About 70.\n<!-- claim: c => # == About ~# -->\n", True),
-    ("About 70.\n<!-- claim: c => # == About # -->\n", False),
-    ("Nothing printed is 5.\n<!-- claim: a => watts # == is # -->\n", False),
-    (f"{BLOCK}\n<!-- claim: printed -->\n", True),
-    (f"{BLOCK.replace('25', '26')}\n<!-- claim: printed -->\n", False),
-    (f"{BLOCK.replace('25', '26')}\n<!-- claim: printed except one -->\n", False),
-    ("| d |\n|---|\n| 5 |\n\n<!-- claim: printed by d -->\n", True),
-    ("| d |\n|---|\n| 6 |\n\n<!-- claim: printed by d -->\n", False),
-    ("```\nother\none 1.25 W\n```\n<!-- claim: printed by b -->\n", False),
-    ("```\nother\none 1.26 W\n```\n<!-- claim: printed by b except two or one -->\n", True),
-    ("```console\n$ b\n```\nText:\n```\none ... W\nother\n```\n<!-- claim: printed -->\n", True),
-    ("```\n5\n<!-- claim: a => flux # == # -->\n```\nand `<!-- claim: a => flux # == # -->`\n", None),
+BLOCK, FLUX = "```console\n$ b\none 1.25 W\n```\n", "<!-- claim: a => flux # == flux of # W -->"
+# Pages whose claims are true, and pages whose claims are false.
+TRUE = [
+    f"A flux of 0.6745 W.\n{FLUX}\n", f"```\n{FLUX}\n```\nA flux of 1 W: `{FLUX}`\n",
+    "So `844,137` rays\nhave 0.675 W.\n<!-- claim: a => flux * # rays == So # rays have -->\n",
+    "At most 1,048,576, or 2^20.\n<!-- claim: a => size # == most #, or -->\n<!-- claim: a => size # == or # -->\n",
+    "There is one warning.\n<!-- claim: a => # warning == is # warning -->\n",
+    "It is 69 %, about 70.\n<!-- claim: c => share # == is #%, -->\n<!-- claim: c => # == about ~# -->\n",
+    f"{BLOCK}\n<!-- claim: printed -->\n", "| d |\n|---|\n| 5 |\n\n<!-- claim: printed by d -->\n",
+    "```\nother\none 1.26 W\n```\n<!-- claim: printed by b except two or one -->\n",
+    "```console\n$ b\n```\nText:\n```\none ... W\nother\n```\n<!-- claim: printed -->\n",
+]
+FALSE = [
+    f"A flux of 0.6746 W.\n{FLUX}\n", f"A flux of 0.67454041 W.\n{FLUX}\n", f"A flux of 0.6745 W.\n## Next\n{FLUX}\n",
+    f"A flux of 0.6745 W. {FLUX}\n", f"A flux of 0.6745 W.\n{FLUX.replace(' == ', ' = ')}\n",
+    "So 844,138 rays.\n<!-- claim: a => * # rays == So # rays -->\n", "So 5.\n<!-- claim: a => watts # == So # -->\n",
+    "At most 2^21.\n<!-- claim: a => size # == most # -->\n", "Two warnings.\n<!-- claim: a => # warning == # warnings -->\n",
+    "It is 70 %.\n<!-- claim: c => share # == is #% -->\n", "About 70.\n<!-- claim: c => # == About # -->\n",
+    f"{BLOCK.replace('25', '26')}\n<!-- claim: printed -->\n", f"{BLOCK}\n<!-- claim: printed except one -->\n",
+    "| d |\n|---|\n| 6 |\n\n<!-- claim: printed by d -->\n",
+    "```\nother\none 1.25 W\n```\n<!-- claim: printed by b -->\n",
 ]
 
 
 def self_test():
     wrong = 0
-    for page, wanted in PLANTED:
+    for page in TRUE + FALSE:
         found = [fault(claim, text, blocks, PRINTED.__getitem__) for _, _, claim, text, blocks in claims(page)]
-        if {one is None for one in found} != ({wanted} if wanted is not None else set()):
+        if any(found) != (page in FALSE):
             wrong += 1
-            print(f"PLANTED {wanted}, found {found}: {page!r}")
-    print(f"{len(PLANTED)} planted pages, {wrong} judged wrongly")
+            print(f"PLANTED {page!r}, found {found}")
+    print(f"{len(TRUE + FALSE)} planted pages, {wrong} judged wrongly")
     return 1 if wrong else 0
 
 

@@ -178,27 +178,27 @@ fn a_struct_forward(u_5: vec4<f64>, v_5: vec4<f64>, n_5: u32, record_5: ptr<func
 fn a_struct_back(adjoint_5: f64, record_8: Record_6_) -> Adjoints_5_ {
     var pose_adjoint: Pose;
 
-    let _e3 = (adjoint_5 * record_8.member_0_);
-    let _e13 = (_e3 * record_8.member_3_);
-    let _e21 = moved_back(Pose((_e3 * record_8.member_2_), u32(), (adjoint_5 * record_8.member_1_)), record_8.member_4_);
-    let _e29 = pose_adjoint.place;
-    pose_adjoint.place = (_e29 + _e21.member_0_.place);
-    let _e32 = pose_adjoint.weight;
-    pose_adjoint.weight = (_e32 + _e21.member_0_.weight);
-    let _e37 = pose_adjoint.place.x;
+    let _e5 = (adjoint_5 * record_8.member_0_);
+    let _e12 = (_e5 * record_8.member_3_);
+    let _e20 = moved_back(Pose((_e5 * record_8.member_2_), u32(), (adjoint_5 * record_8.member_1_)), record_8.member_4_);
+    let _e28 = pose_adjoint.place;
+    pose_adjoint.place = (_e28 + _e20.member_0_.place);
+    let _e31 = pose_adjoint.weight;
+    pose_adjoint.weight = (_e31 + _e20.member_0_.weight);
+    let _e36 = pose_adjoint.place.x;
     pose_adjoint.place.x = f64();
-    let _e41 = pose_adjoint.weight;
-    pose_adjoint.weight = (_e41 + _e37);
-    let _e44 = pose_adjoint;
+    let _e40 = pose_adjoint.weight;
+    pose_adjoint.weight = (_e40 + _e36);
+    let _e43 = pose_adjoint;
     pose_adjoint = Pose();
-    let _e48 = moved_back(_e44, record_8.member_5_);
-    let _e56 = pose_adjoint.place;
-    pose_adjoint.place = (_e56 + _e48.member_0_.place);
-    let _e59 = pose_adjoint.weight;
-    pose_adjoint.weight = (_e59 + _e48.member_0_.weight);
-    let _e62 = pose_adjoint;
+    let _e47 = moved_back(_e43, record_8.member_5_);
+    let _e55 = pose_adjoint.place;
+    pose_adjoint.place = (_e55 + _e47.member_0_.place);
+    let _e58 = pose_adjoint.weight;
+    pose_adjoint.weight = (_e58 + _e47.member_0_.weight);
+    let _e61 = pose_adjoint;
     pose_adjoint = Pose();
-    return Adjoints_5_(vec4<f64>(_e62.place.x, _e62.place.y, _e62.place.z, _e62.weight), vec4<f64>((_e13.x + _e48.member_1_), (_e13.y + _e21.member_1_), _e13.z, f64()));
+    return Adjoints_5_(vec4<f64>(_e61.place.x, _e61.place.y, _e61.place.z, _e61.weight), vec4<f64>((_e12.x + _e47.member_1_), (_e12.y + _e20.member_1_), _e12.z, f64()));
 }
 
 fn a_struct_back_1(u_6: vec4<f64>, v_6: vec4<f64>, n_6: u32, adjoint_u_1: ptr<function, vec4<f64>>, adjoint_v_1: ptr<function, vec4<f64>>, adjoint_6: f64) {
@@ -263,14 +263,14 @@ fn behind_a_pointer_back(adjoint_8: f64, record_15: Record_10_) -> Adjoints_9_ {
     let _e9 = y_adjoint_2.z;
     y_adjoint_2.z = (_e9 + (adjoint_8 * record_15.member_1_));
     let _e14 = scaled_by_back((&y_adjoint_2), (adjoint_8 * record_15.member_0_), record_15.member_2_);
-    let _e18 = (adjoint_8 * record_15.member_3_);
-    let _e28 = (_e18 * record_15.member_6_);
-    let _e33 = y_adjoint_2;
-    y_adjoint_2 = (_e33 + (_e18 * record_15.member_5_));
-    let _e38 = scaled_by_back((&y_adjoint_2), (adjoint_8 * record_15.member_4_), record_15.member_7_);
-    let _e42 = y_adjoint_2;
+    let _e20 = (adjoint_8 * record_15.member_3_);
+    let _e27 = (_e20 * record_15.member_6_);
+    let _e32 = y_adjoint_2;
+    y_adjoint_2 = (_e32 + (_e20 * record_15.member_5_));
+    let _e37 = scaled_by_back((&y_adjoint_2), (adjoint_8 * record_15.member_4_), record_15.member_7_);
+    let _e41 = y_adjoint_2;
     y_adjoint_2 = vec3<f64>();
-    return Adjoints_9_(vec4<f64>(_e42.x, _e42.y, _e42.z, _e14.member_0_), vec4<f64>((_e28.x + _e38.member_0_), _e28.y, _e28.z, f64()));
+    return Adjoints_9_(vec4<f64>(_e41.x, _e41.y, _e41.z, _e14.member_0_), vec4<f64>((_e27.x + _e37.member_0_), _e27.y, _e27.z, f64()));
 }
 
 fn behind_a_pointer_back_1(u_8: vec4<f64>, v_8: vec4<f64>, n_8: u32, adjoint_u_2: ptr<function, vec4<f64>>, adjoint_v_2: ptr<function, vec4<f64>>, adjoint_9: f64) {

@@ -4,7 +4,7 @@
 use crate::error::Result;
 use naga::{
     AtomicFunction, BinaryOperator, Block, Expression, Function, Handle, Literal, Range, Scalar, Span,
-    Statement, SwitchCase, Type,
+    Statement, SwitchCase, Type, UnaryOperator,
 };
 
 /// A function that is written.
@@ -32,6 +32,20 @@ pub(super) trait FunctionBuilder {
         out: &mut Block,
     ) -> Handle<Expression> {
         self.emit(Expression::Binary { op, left, right }, out)
+    }
+
+    fn negated(&mut self, expr: Handle<Expression>, out: &mut Block) -> Handle<Expression> {
+        self.emit(Expression::Unary { op: UnaryOperator::Negate, expr }, out)
+    }
+
+    fn select(
+        &mut self,
+        condition: Handle<Expression>,
+        accept: Handle<Expression>,
+        reject: Handle<Expression>,
+        out: &mut Block,
+    ) -> Handle<Expression> {
+        self.emit(Expression::Select { condition, accept, reject }, out)
     }
 
     /// Calls a function of the new module, and gives its result.

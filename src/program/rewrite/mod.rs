@@ -4,6 +4,8 @@
 pub mod df64;
 mod function_builder;
 pub mod jvp;
+mod linear;
+mod rules;
 pub mod transpose;
 
 use crate::error::{Error, Result};

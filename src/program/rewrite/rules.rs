@@ -1,4 +1,6 @@
-//! Functions whose tangent does not follow from their text.
+//! Functions whose derivative does not follow from their text.
+
+use naga::{Expression, Handle};
 
 /// The rule of a function.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -17,6 +19,20 @@ pub(in crate::program) enum Rule {
     Turned(&'static str, f64),
     /// The result has no derivative. On a way back, another function gives the result again.
     Recalled(&'static str),
+}
+
+impl Rule {
+    /// The argument of a call whose change is the result's. `None` if the result has no derivative.
+    pub(in crate::program) fn differentiated(
+        self,
+        arguments: &[Handle<Expression>],
+    ) -> Option<Handle<Expression>> {
+        match self {
+            Rule::Constant | Rule::Note | Rule::Recalled(_) => None,
+            Rule::Attached => arguments.get(1).copied(),
+            Rule::Exponential | Rule::Logarithm | Rule::Turned(..) => arguments.first().copied(),
+        }
+    }
 }
 
 /// The function that adds a tangent to a sum: (cell, tangent, number of the parameter).

@@ -1,13 +1,14 @@
 //! Rewrites one function, with tangents beside its reals.
 
 use crate::error::Result;
-use crate::program::rewrite::function_builder::{FunctionBuilder, Rewrite, inner_blocks_mut, real_literal};
-use crate::program::rewrite::jvp::rewriting::{Rewriting, unknown};
-use crate::program::rewrite::jvp::rules::{DEPOSIT, Rule, rule};
+use crate::program::rewrite::function_builder::{FunctionBuilder, Rewrite, inner_blocks_mut};
+use crate::program::rewrite::jvp::rewriting::Rewriting;
+use crate::program::rewrite::linear::{Linear, Linearise, Side, operands, unknown};
+use crate::program::rewrite::rules::{DEPOSIT, Rule, rule};
 use naga::valid::FunctionInfo;
 use naga::{
-    BinaryOperator, Block, Expression, Function, FunctionArgument, Handle, Literal, LocalVariable,
-    MathFunction, ScalarKind, Span, Statement, Type, TypeInner, UnaryOperator,
+    BinaryOperator, Block, Expression, Function, FunctionArgument, Handle, Literal, LocalVariable, Scalar,
+    Span, Statement, Type, TypeInner,
 };
 use std::collections::HashMap;
 
@@ -134,7 +135,7 @@ impl Rewrite for Rewriter<'_, '_> {
                 for old in range.clone() {
                     let new = self.emitted(old, out)?;
                     self.known.insert(old, new);
-                    let tangents = if self.has_reals(old) { self.tangents_of(old, new, out)? } else { None };
+                    let tangents = if self.has_reals(old) { self.tangents_of(old, out)? } else { None };
                     self.tangents.insert(old, tangents);
                 }
                 return Ok(());
@@ -177,6 +178,37 @@ impl Rewrite for Rewriter<'_, '_> {
     }
 }
 
+impl Linearise for Rewriter<'_, '_> {
+    fn changes(&mut self, old: Value) -> bool {
+        self.tangents(old).is_some()
+    }
+
+    fn coefficient(&mut self, old: Value) -> Result<Value> {
+        self.value(old)
+    }
+
+    fn type_of(&mut self, old: Value) -> Handle<Type> {
+        match &self.info[old].ty {
+            naga::proc::TypeResolution::Handle(handle) => *handle,
+            naga::proc::TypeResolution::Value(inner) => {
+                self.shared.new.types.insert(Type { name: None, inner: inner.clone() }, Span::UNDEFINED)
+            }
+        }
+    }
+
+    fn inner_of(&self, old: Value) -> &TypeInner {
+        self.info[old].ty.inner_with(&self.shared.old.types)
+    }
+
+    fn real(&self) -> Scalar {
+        self.shared.real
+    }
+
+    fn plain(&self, name: &str) -> Result<Handle<Function>> {
+        self.shared.plain(name)
+    }
+}
+
 impl Rewriter<'_, '_> {
     fn local_variables(&mut self) -> Result<()> {
         for (handle, variable) in self.old.local_variables.iter() {
@@ -210,10 +242,6 @@ impl Rewriter<'_, '_> {
         }
     }
 
-    fn literal(&mut self, value: f64) -> Value {
-        self.append(real_literal(self.shared.real, value))
-    }
-
     /// The tangents of an old value; of a pointer, pointers to the twins of its variable.
     fn tangents(&mut self, old: Value) -> Tangents {
         if let Some(known) = self.tangents.get(&old) {
@@ -244,52 +272,17 @@ impl Rewriter<'_, '_> {
         self.shared.inner_has_reals(self.info[old].ty.inner_with(&self.shared.old.types))
     }
 
-    fn is_real_itself(&self, old: Value) -> bool {
-        match self.info[old].ty.inner_with(&self.shared.old.types) {
-            TypeInner::Scalar(scalar) | TypeInner::Vector { scalar, .. } => *scalar == self.shared.real,
-            _ => false,
-        }
-    }
-
-    /// The type of an old value, with a handle.
-    fn type_of(&mut self, old: Value) -> Handle<Type> {
-        match &self.info[old].ty {
-            naga::proc::TypeResolution::Handle(handle) => *handle,
-            naga::proc::TypeResolution::Value(inner) => {
-                self.shared.new.types.insert(Type { name: None, inner: inner.clone() }, Span::UNDEFINED)
-            }
-        }
-    }
-
     /// The tangents of a value, with zeros where there are none.
     fn tangents_or_zeros(&mut self, old: Value) -> Vec<Value> {
         if let Some(tangents) = self.tangents(old) {
             return tangents;
         }
         let ty = self.type_of(old);
+        self.zeros(ty)
+    }
+
+    fn zeros(&mut self, ty: Handle<Type>) -> Vec<Value> {
         (0..self.shared.num).map(|_| self.append(Expression::ZeroValue(ty))).collect()
-    }
-
-    /// Applies `each` to the tangents of a value, if it has any.
-    fn each(
-        &mut self,
-        old: Value,
-        out: &mut Block,
-        mut each: impl FnMut(&mut Self, Value, &mut Block) -> Value,
-    ) -> Tangents {
-        let tangents = self.tangents(old)?;
-        Some(tangents.into_iter().map(|tangent| each(self, tangent, out)).collect())
-    }
-
-    /// The sums of two lists of terms.
-    fn sum(&mut self, left: Tangents, right: Tangents, out: &mut Block) -> Tangents {
-        match (left, right) {
-            (Some(left), Some(right)) => {
-                let sums = left.into_iter().zip(right);
-                Some(sums.map(|(a, b)| self.binary(BinaryOperator::Add, a, b, out)).collect())
-            }
-            (one, None) | (None, one) => one,
-        }
     }
 
     /// A result with its tangents.
@@ -323,12 +316,16 @@ impl Rewriter<'_, '_> {
                 out.push(call, Span::UNDEFINED);
                 return Ok(());
             }
-            let value = self.call_plain(new.plain, values.clone(), out);
-            let tangents = self.by_rule(rule, arguments, &values, value, out)?;
-            result.into_iter().for_each(|old| {
+            let value = self.call_plain(new.plain, values, out);
+            if let Some(old) = result {
                 self.known.insert(old, value);
-                self.tangents.insert(old, tangents.clone());
-            });
+                let change = match rule {
+                    Some(rule) => self.linearised_call(rule, arguments, old, out)?,
+                    None => None,
+                };
+                let tangents = change.map(|change| self.evaluated(&change, out)).transpose()?;
+                self.tangents.insert(old, tangents);
+            }
             return Ok(());
         };
         let mut all = Vec::new();
@@ -376,39 +373,6 @@ impl Rewriter<'_, '_> {
         Ok(())
     }
 
-    /// The tangents of a result by the rule of its function.
-    fn by_rule(
-        &mut self,
-        rule: Option<Rule>,
-        old: &[Value],
-        values: &[Value],
-        result: Value,
-        out: &mut Block,
-    ) -> Result<Tangents> {
-        use BinaryOperator::{Divide, Multiply};
-        Ok(match rule {
-            None | Some(Rule::Constant | Rule::Note | Rule::Recalled(_)) => None,
-            Some(Rule::Attached) => self.tangents(old[1]),
-            Some(Rule::Exponential) => {
-                self.each(old[0], out, |this, tangent, out| this.binary(Multiply, result, tangent, out))
-            }
-            Some(Rule::Logarithm) => {
-                let argument = values[0];
-                self.each(old[0], out, |this, tangent, out| this.binary(Divide, tangent, argument, out))
-            }
-            Some(Rule::Turned(name, sign)) => {
-                if self.tangents(old[0]).is_none() {
-                    return Ok(None);
-                }
-                let function = self.shared.plain(name)?;
-                let turned = self.call_plain(function, vec![values[0]], out);
-                let sign = self.literal(sign);
-                let slope = self.binary(Multiply, turned, sign, out);
-                self.each(old[0], out, |this, tangent, out| this.binary(Multiply, slope, tangent, out))
-            }
-        })
-    }
-
     /// An expression where it is evaluated, as it was.
     fn emitted(&mut self, old: Value, out: &mut Block) -> Result<Value> {
         match self.with_new_operands(&self.old.expressions[old])? {
@@ -417,173 +381,90 @@ impl Rewriter<'_, '_> {
         }
     }
 
-    /// The tangents of an expression that was just evaluated to `new`.
-    fn tangents_of(&mut self, old: Value, new: Value, out: &mut Block) -> Result<Tangents> {
-        let expression = self.old.expressions[old].clone();
-        Ok(match expression {
-            Expression::Compose { ty, components } => {
-                if components.iter().all(|component| self.tangents(*component).is_none()) {
-                    return Ok(None);
-                }
-                let parts: Vec<Vec<Value>> = components.iter().map(|c| self.tangents_or_zeros(*c)).collect();
-                let of_each = (0..self.shared.num).map(|number| {
-                    let components = parts.iter().map(|part| part[number]).collect();
-                    self.emit(Expression::Compose { ty, components }, out)
-                });
-                Some(of_each.collect())
-            }
-            Expression::Splat { size, value } => {
-                self.each(value, out, |this, value, out| this.emit(Expression::Splat { size, value }, out))
-            }
-            Expression::Swizzle { size, vector, pattern } => self.each(vector, out, |this, vector, out| {
-                this.emit(Expression::Swizzle { size, vector, pattern }, out)
-            }),
-            Expression::Access { base, index } => {
-                let index = self.value(index)?;
-                self.each(base, out, |this, base, out| this.emit(Expression::Access { base, index }, out))
-            }
-            Expression::AccessIndex { base, index } => self
-                .each(base, out, |this, base, out| this.emit(Expression::AccessIndex { base, index }, out)),
-            Expression::Load { pointer } => {
-                self.each(pointer, out, |this, pointer, out| this.emit(Expression::Load { pointer }, out))
-            }
-            Expression::Unary { op: op @ UnaryOperator::Negate, expr } => {
-                self.each(expr, out, |this, expr, out| this.emit(Expression::Unary { op, expr }, out))
-            }
-            Expression::Binary { op, left, right } => self.arithmetic(op, left, right, new, out)?,
-            Expression::Select { condition, accept, reject } => {
-                if self.tangents(accept).is_none() && self.tangents(reject).is_none() {
-                    return Ok(None);
-                }
-                let condition = self.value(condition)?;
-                let (accepted, rejected) = (self.tangents_or_zeros(accept), self.tangents_or_zeros(reject));
-                let both = accepted.into_iter().zip(rejected);
-                Some(both.map(|(accept, reject)| self.select(condition, accept, reject, out)).collect())
-            }
-            Expression::Math { fun, arg, arg1, arg2, .. } => {
-                let arguments: Vec<Value> = [Some(arg), arg1, arg2].into_iter().flatten().collect();
-                self.math(fun, &arguments, new, out)?
-            }
-            Expression::As { expr, kind: ScalarKind::Float, .. } if self.is_real_itself(expr) => {
-                self.tangents(expr)
-            }
-            Expression::As { .. } => None,
-            Expression::Literal(_) | Expression::Constant(_) | Expression::ZeroValue(_) => None,
-            other => return Err(unknown(other)),
-        })
-    }
-
-    fn select(&mut self, condition: Value, accept: Value, reject: Value, out: &mut Block) -> Value {
-        self.emit(Expression::Select { condition, accept, reject }, out)
-    }
-
-    fn arithmetic(
-        &mut self,
-        op: BinaryOperator,
-        left: Value,
-        right: Value,
-        result: Value,
-        out: &mut Block,
-    ) -> Result<Tangents> {
-        use BinaryOperator::{Add, Divide, Multiply, Subtract};
-        let (a, b) = (self.value(left)?, self.value(right)?);
-        Ok(match op {
-            Add => {
-                let (left, right) = (self.tangents(left), self.tangents(right));
-                self.sum(left, right, out)
-            }
-            Subtract => {
-                let right = self.each(right, out, |this, expr, out| {
-                    this.emit(Expression::Unary { op: UnaryOperator::Negate, expr }, out)
-                });
-                let left = self.tangents(left);
-                self.sum(left, right, out)
-            }
-            Multiply => {
-                let left = self.each(left, out, |this, tangent, out| this.binary(Multiply, tangent, b, out));
-                let right =
-                    self.each(right, out, |this, tangent, out| this.binary(Multiply, a, tangent, out));
-                self.sum(left, right, out)
-            }
-            Divide => {
-                // (a / b)' = (a' - (a / b) b') / b.
-                let right = self.each(right, out, |this, tangent, out| {
-                    let product = this.binary(Multiply, result, tangent, out);
-                    this.emit(Expression::Unary { op: UnaryOperator::Negate, expr: product }, out)
-                });
-                let left = self.tangents(left);
-                let above = self.sum(left, right, out);
-                above.map(|above| above.into_iter().map(|t| self.binary(Divide, t, b, out)).collect())
-            }
-            other => return Err(unknown(other)),
-        })
-    }
-
-    fn math(&mut self, fun: MathFunction, old: &[Value], result: Value, out: &mut Block) -> Result<Tangents> {
-        use BinaryOperator::{Divide, Greater, Less, Multiply};
-        if old.iter().all(|argument| self.tangents(*argument).is_none()) {
-            return Ok(None);
+    /// The tangents of an expression that was just evaluated.
+    fn tangents_of(&mut self, old: Value, out: &mut Block) -> Result<Tangents> {
+        let expression = &self.old.expressions[old];
+        if let Expression::Load { pointer } = *expression {
+            let pointers = self.tangents(pointer);
+            return Ok(pointers.map(|all| {
+                self.each(all, out, |this, pointer, out| this.emit(Expression::Load { pointer }, out))
+            }));
         }
-        let values = self.values(old)?;
-        let ty = self.type_of(old[0]);
-        Ok(match fun {
-            MathFunction::Abs => {
-                let zero = self.append(Expression::ZeroValue(ty));
-                let is_below = self.binary(Less, values[0], zero, out);
-                self.each(old[0], out, |this, tangent, out| {
-                    let expr = Expression::Unary { op: UnaryOperator::Negate, expr: tangent };
-                    let negated = this.emit(expr, out);
-                    this.select(is_below, negated, tangent, out)
+        let change = self.linearised(old, expression, out)?;
+        change.map(|change| self.evaluated(&change, out)).transpose()
+    }
+
+    /// The values of a linear function, one for each parameter.
+    fn evaluated(&mut self, change: &Linear, out: &mut Block) -> Result<Vec<Value>> {
+        Ok(match *change {
+            Linear::Of(old) => self.tangents_or_zeros(old),
+            Linear::Negative(ref of) => {
+                let of = self.evaluated(of, out)?;
+                self.each(of, out, |this, of, out| this.negated(of, out))
+            }
+            Linear::NegativeWhere(condition, ref of) => {
+                let of = self.evaluated(of, out)?;
+                self.each(of, out, |this, of, out| this.negative_where(condition, of, out))
+            }
+            Linear::Sum(ref left, ref right) => {
+                let (left, right) = (self.evaluated(left, out)?, self.evaluated(right, out)?);
+                let both = left.into_iter().zip(right);
+                both.map(|(a, b)| self.binary(BinaryOperator::Add, a, b, out)).collect()
+            }
+            Linear::Product(product, side, ref of, by) => {
+                let of = self.evaluated(of, out)?;
+                self.each(of, out, |this, of, out| {
+                    let (left, right) = if side == Side::Left { (of, by) } else { (by, of) };
+                    this.emit(product.expression(left, right), out)
                 })
             }
-            MathFunction::Min | MathFunction::Max => {
-                let op = if fun == MathFunction::Min { Less } else { Greater };
-                let is_second = self.binary(op, values[1], values[0], out);
-                let (first, second) = (self.tangents_or_zeros(old[0]), self.tangents_or_zeros(old[1]));
-                let both = first.into_iter().zip(second);
-                Some(both.map(|(first, second)| self.select(is_second, second, first, out)).collect())
+            Linear::Quotient(ref of, by, only_where) => {
+                let of = self.evaluated(of, out)?;
+                self.each(of, out, |this, of, out| this.quotient(of, by, only_where, out))
             }
-            MathFunction::Clamp => {
-                let is_low = self.binary(Less, values[0], values[1], out);
-                let is_high = self.binary(Greater, values[0], values[2], out);
-                let [x, low, high] = [0, 1, 2].map(|i| self.tangents_or_zeros(old[i]));
-                let of_each = (0..self.shared.num).map(|number| {
-                    let raised = self.select(is_low, low[number], x[number], out);
-                    self.select(is_high, high[number], raised, out)
-                });
-                Some(of_each.collect())
-            }
-            MathFunction::Sqrt => {
-                // Where the root is 0 its slope is infinite: there the ray grazes, and what it does has no derivative.
-                let zero = self.append(Expression::ZeroValue(ty));
-                let is_positive = self.binary(Greater, result, zero, out);
-                let doubled = self.binary(BinaryOperator::Add, result, result, out);
-                self.each(old[0], out, |this, tangent, out| {
-                    let slope = this.binary(Divide, tangent, doubled, out);
-                    this.select(is_positive, slope, zero, out)
-                })
-            }
-            MathFunction::Fma => {
-                let left = self
-                    .each(old[0], out, |this, tangent, out| this.binary(Multiply, tangent, values[1], out));
-                let right = self
-                    .each(old[1], out, |this, tangent, out| this.binary(Multiply, values[0], tangent, out));
-                let product = self.sum(left, right, out);
-                let third = self.tangents(old[2]);
-                self.sum(product, third, out)
-            }
-            MathFunction::Dot | MathFunction::Cross => {
-                let product = |this: &mut Self, arg: Value, arg1: Value, out: &mut Block| {
-                    this.emit(Expression::Math { fun, arg, arg1: Some(arg1), arg2: None, arg3: None }, out)
+            Linear::Choice(condition, ref changes, ty) => {
+                let mut of = |change: &Option<Box<Linear>>| match change {
+                    Some(change) => self.evaluated(change, out),
+                    None => Ok(self.zeros(ty)),
                 };
-                let left =
-                    self.each(old[0], out, |this, tangent, out| product(this, tangent, values[1], out));
-                let right =
-                    self.each(old[1], out, |this, tangent, out| product(this, values[0], tangent, out));
-                self.sum(left, right, out)
+                let (accepted, rejected) = (of(&changes[0])?, of(&changes[1])?);
+                let both = accepted.into_iter().zip(rejected);
+                both.map(|(accept, reject)| self.select(condition, accept, reject, out)).collect()
             }
-            MathFunction::Floor | MathFunction::Ceil | MathFunction::Trunc | MathFunction::Round => None,
-            other => return Err(unknown(other)),
+            Linear::Rearranged(ref expression) => {
+                let parts = operands(expression);
+                let parts: Vec<Vec<Value>> = parts.into_iter().map(|of| self.tangents_or_zeros(of)).collect();
+                let of_each = (0..self.shared.num).map(|number| {
+                    let part = |i: usize| parts[i][number];
+                    let rearranged = match *expression {
+                        Expression::Compose { ty, .. } => {
+                            Expression::Compose { ty, components: (0..parts.len()).map(part).collect() }
+                        }
+                        Expression::Splat { size, .. } => Expression::Splat { size, value: part(0) },
+                        Expression::Swizzle { size, pattern, .. } => {
+                            Expression::Swizzle { size, vector: part(0), pattern }
+                        }
+                        Expression::AccessIndex { index, .. } => {
+                            Expression::AccessIndex { base: part(0), index }
+                        }
+                        Expression::Access { index, .. } => {
+                            Expression::Access { base: part(0), index: self.value(index)? }
+                        }
+                        ref other => return Err(unknown(other)),
+                    };
+                    Ok(self.emit(rearranged, out))
+                });
+                of_each.collect::<Result<_>>()?
+            }
         })
+    }
+
+    fn each(
+        &mut self,
+        tangents: Vec<Value>,
+        out: &mut Block,
+        mut each: impl FnMut(&mut Self, Value, &mut Block) -> Value,
+    ) -> Vec<Value> {
+        tangents.into_iter().map(|tangent| each(self, tangent, out)).collect()
     }
 }

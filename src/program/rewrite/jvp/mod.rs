@@ -5,7 +5,8 @@
 //! the same expressions. A function gets a twin that takes and gives tangents. A variable gets a twin for each
 //! parameter, and so does a buffer that holds numbers of the scene.
 //!
-//! Some functions have a rule of their own ([`rules`]). The search for the next hit is not differentiated. `attached`
+//! [`crate::program::rewrite::linear`] has the rules of operations. Some functions have a rule of their own
+//! ([`crate::program::rewrite::rules`]). The search for the next hit is not differentiated. `attached`
 //! and `detached` say what a derivative is to see, and `note` sends a tangent to its sum.
 //!
 //! Source: Griewank and Walther, Evaluating Derivatives (2008), section 3.1, forward propagation of tangents.
@@ -14,7 +15,6 @@ pub(in crate::program) mod function;
 mod parameters;
 mod reals;
 pub(in crate::program) mod rewriting;
-pub(in crate::program) mod rules;
 
 pub use crate::program::rewrite::jvp::parameters::{Parameter, Tangents};
 pub use crate::program::rewrite::jvp::reals::{place_reals, take_reals};
@@ -23,7 +23,7 @@ use crate::error::Result;
 use crate::program::rewrite::jvp::function::{called_as_before, rewrite_function};
 pub use crate::program::rewrite::jvp::rewriting::BINDING_STRIDE;
 use crate::program::rewrite::jvp::rewriting::{NewFunction, Rewriting};
-use crate::program::rewrite::jvp::rules::rule;
+use crate::program::rewrite::rules::rule;
 use crate::program::rewrite::{validated, with_wgsl};
 use naga::valid::Capabilities;
 use naga::{Expression, Literal, Module, Scalar, Span};

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::program::rewrite::function_builder::called;
-use crate::program::rewrite::jvp::rules::rule;
+use crate::program::rewrite::rules::rule;
 use naga::valid::ModuleInfo;
 use naga::{
     AddressSpace, Block, Function, GlobalVariable, Handle, Module, ResourceBinding, Scalar, Span,
@@ -16,10 +16,6 @@ pub const BINDING_STRIDE: u32 = 200;
 
 /// Uniform buffers that every adapter of WebGPU binds.
 const MOST_UNIFORMS: usize = 12;
-
-pub(in crate::program) fn unknown(what: impl std::fmt::Debug) -> Error {
-    Error::Internal(format!("no rule for the derivative of {what:?}"))
-}
 
 /// A function of the new module.
 #[derive(Debug, Clone, Copy)]

@@ -1,6 +1,7 @@
 //! Adjoints of values, as the way back gathers them: sums of what each use of a value hands on.
 
 use crate::program::rewrite::function_builder::FunctionBuilder;
+use crate::program::rewrite::linear::Linearise;
 use crate::program::rewrite::transpose::adjoint::Adjoint;
 use crate::program::rewrite::transpose::back::{Back, ROOT};
 use naga::{BinaryOperator, Block, Expression, Handle, LocalVariable, Span, Statement, Type, TypeInner};

@@ -1,9 +1,10 @@
 //! Which values of a function depend on a number by which a trace can be differentiated.
 
 use crate::program::rewrite::function_builder::inner_blocks;
-use crate::program::rewrite::jvp::rules::{Rule, rule};
+use crate::program::rewrite::linear::operands;
+use crate::program::rewrite::rules::{Rule, rule};
 use crate::program::rewrite::transpose::transposer::{Activity, Transposer, is_pointer};
-use naga::{Block, Expression, Function, Handle, LocalVariable, ScalarKind, Statement};
+use naga::{Block, Expression, Function, Handle, LocalVariable, Statement};
 use std::collections::HashSet;
 
 impl Transposer<'_> {
@@ -95,13 +96,11 @@ impl Search<'_, '_> {
             self.varies(*argument);
         });
         let varies = match rule(self.shared.name(function)) {
-            Some(Rule::Constant | Rule::Recalled(_)) => false,
-            Some(Rule::Attached) => self.varies(arguments[1]),
             Some(Rule::Note) => {
                 self.found.has_effects |= self.varies(arguments[1]);
                 false
             }
-            Some(Rule::Exponential | Rule::Logarithm | Rule::Turned(..)) => self.varies(arguments[0]),
+            Some(rule) => rule.differentiated(arguments).is_some_and(|argument| self.varies(argument)),
             None => {
                 let mask = self.shared.mask(self.function, arguments, &self.found.varied);
                 for (argument, varies) in arguments.iter().zip(&mask) {
@@ -142,28 +141,12 @@ impl Search<'_, '_> {
         if !self.shared.has_reals(self.shared.inner(self.function, value)) {
             return false;
         }
-        let any = |this: &mut Self, values: &[Option<Handle<Expression>>]| {
-            values.iter().flatten().any(|value| this.varies(*value))
-        };
         let varies = match &self.old.expressions[value] {
             Expression::FunctionArgument(index) => self.mask[*index as usize],
             Expression::LocalVariable(variable) => self.locals.contains(variable),
             Expression::GlobalVariable(variable) => self.shared.twins.contains_key(variable),
             Expression::CallResult(_) => self.results.contains(&value),
-            Expression::Load { pointer } => self.varies(*pointer),
-            Expression::Compose { components, .. } => {
-                components.iter().any(|component| self.varies(*component))
-            }
-            Expression::Splat { value: base, .. }
-            | Expression::Swizzle { vector: base, .. }
-            | Expression::Access { base, .. }
-            | Expression::AccessIndex { base, .. }
-            | Expression::Unary { expr: base, .. }
-            | Expression::As { expr: base, kind: ScalarKind::Float, .. } => self.varies(*base),
-            Expression::Binary { left, right, .. } => any(self, &[Some(*left), Some(*right)]),
-            Expression::Select { accept, reject, .. } => any(self, &[Some(*accept), Some(*reject)]),
-            Expression::Math { arg, arg1, arg2, arg3, .. } => any(self, &[Some(*arg), *arg1, *arg2, *arg3]),
-            _ => false,
+            expression => operands(expression).into_iter().any(|operand| self.varies(operand)),
         };
         if varies {
             self.found.varied.insert(value);

@@ -5,16 +5,17 @@
 //! one.
 
 use crate::error::{Error, Result};
-use crate::program::rewrite::function_builder::{FunctionBuilder, inner_blocks, real_literal};
-use crate::program::rewrite::jvp::rules::{Rule, rule};
+use crate::program::rewrite::function_builder::{FunctionBuilder, inner_blocks};
+use crate::program::rewrite::linear::Linearise;
+use crate::program::rewrite::rules::{Rule, rule};
 use crate::program::rewrite::transpose::adjoint::Adjoint;
 use crate::program::rewrite::transpose::forward;
 use crate::program::rewrite::transpose::names::{ADJOINT_OF, no_way_back};
 use crate::program::rewrite::transpose::record::{Record, key_of};
 use crate::program::rewrite::transpose::transposer::{Activity, Transposed, Transposer, is_pointer};
 use naga::{
-    BinaryOperator, Block, Expression, Function, FunctionArgument, Handle, LocalVariable, Span, Statement,
-    SwitchCase, Type, TypeInner,
+    Block, Expression, Function, FunctionArgument, Handle, LocalVariable, Span, Statement, SwitchCase, Type,
+    TypeInner,
 };
 use std::collections::HashMap;
 
@@ -240,10 +241,6 @@ impl<'r, 'm> Back<'r, 'm> {
         is_pointer(self.shared.inner(self.function, old))
     }
 
-    pub(super) fn type_of(&mut self, old: Value) -> Handle<Type> {
-        self.shared.type_of(self.function, old)
-    }
-
     pub(super) fn inner(&self, ty: Handle<Type>) -> &TypeInner {
         &self.shared.rewriting.new.types[ty].inner
     }
@@ -423,7 +420,6 @@ impl<'r, 'm> Back<'r, 'm> {
         result: Option<Value>,
         out: &mut Block,
     ) -> Result<()> {
-        use BinaryOperator::{Divide, Multiply};
         let mut adjoint = Adjoint::default();
         if let Some(result) = result.filter(|result| self.varies(*result)) {
             let ty = self.type_of(result);
@@ -439,38 +435,15 @@ impl<'r, 'm> Back<'r, 'm> {
             }
             return Ok(());
         }
-        let whole = match (rule, result) {
-            (Some(_), Some(result)) => {
-                let ty = self.type_of(result);
-                self.materialised(&adjoint, ty, out)
-            }
-            _ => None,
+        let Some(rule) = rule else {
+            return self.call_back(statement, function, arguments, result, adjoint, out);
         };
-        match (rule, whole, result) {
-            (None, ..) => return self.call_back(statement, function, arguments, result, adjoint, out),
-            (Some(Rule::Attached), Some(whole), _) => self.contribute_whole(arguments[1], whole, out),
-            (Some(Rule::Exponential), Some(whole), Some(result)) => {
-                let result = self.value(result);
-                let product = self.binary(Multiply, whole, result, out);
-                self.contribute_whole(arguments[0], product, out);
-            }
-            (Some(Rule::Logarithm), Some(whole), _) => {
-                let argument = self.value(arguments[0]);
-                let quotient = self.binary(Divide, whole, argument, out);
-                self.contribute_whole(arguments[0], quotient, out);
-            }
-            (Some(Rule::Turned(name, sign)), Some(whole), _) => {
-                let function = self.shared.rewriting.plain(name)?;
-                let argument = self.value(arguments[0]);
-                let turned = self.call_plain(function, vec![argument], out);
-                let sign = self.append(real_literal(self.shared.rewriting.real, sign));
-                let slope = self.binary(Multiply, turned, sign, out);
-                let product = self.binary(Multiply, whole, slope, out);
-                self.contribute_whole(arguments[0], product, out);
-            }
-            _ => {}
+        let Some(result) = result.filter(|_| !adjoint.is_zero()) else { return Ok(()) };
+        let ty = self.type_of(result);
+        match self.linearised_call(rule, arguments, result, out)? {
+            Some(change) => self.transposed_change(&change, adjoint, ty, out),
+            None => Ok(()),
         }
-        Ok(())
     }
 
     pub(super) fn call_back(

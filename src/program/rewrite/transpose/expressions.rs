@@ -1,33 +1,42 @@
-//! How an expression hands its adjoint on to what it is made of.
+//! How an expression hands its adjoint on to what it is made of: the transposition of its change.
 
 use crate::error::Result;
 use crate::program::rewrite::function_builder::FunctionBuilder;
+use crate::program::rewrite::linear::{Linear, Linearise, Product, Side};
 use crate::program::rewrite::transpose::adjoint::Adjoint;
 use crate::program::rewrite::transpose::back::Back;
 use crate::program::rewrite::transpose::names::no_way_back;
-use naga::{BinaryOperator, Block, Expression, Handle, MathFunction, ScalarKind, TypeInner, UnaryOperator};
+use naga::{BinaryOperator, Block, Expression, Function, Handle, Scalar, Type, TypeInner};
 
 type Value = Handle<Expression>;
 
+impl Linearise for Back<'_, '_> {
+    fn changes(&mut self, old: Value) -> bool {
+        self.varies(old)
+    }
+
+    fn coefficient(&mut self, old: Value) -> Result<Value> {
+        Ok(self.value(old))
+    }
+
+    fn type_of(&mut self, old: Value) -> Handle<Type> {
+        self.shared.type_of(self.function, old)
+    }
+
+    fn inner_of(&self, old: Value) -> &TypeInner {
+        self.shared.inner(self.function, old)
+    }
+
+    fn real(&self) -> Scalar {
+        self.shared.rewriting.real
+    }
+
+    fn plain(&self, name: &str) -> Result<Handle<Function>> {
+        self.shared.rewriting.plain(name)
+    }
+}
+
 impl Back<'_, '_> {
-    pub(super) fn select(
-        &mut self,
-        condition: Value,
-        accept: Value,
-        reject: Value,
-        out: &mut Block,
-    ) -> Value {
-        self.emit(Expression::Select { condition, accept, reject }, out)
-    }
-
-    pub(super) fn negated(&mut self, expr: Value, out: &mut Block) -> Value {
-        self.emit(Expression::Unary { op: UnaryOperator::Negate, expr }, out)
-    }
-
-    pub(super) fn is_vector(&self, old: Value) -> bool {
-        matches!(self.shared.inner(self.function, old), TypeInner::Vector { .. })
-    }
-
     /// Hands the adjoint of an expression on to what it is made of.
     pub(super) fn expression(&mut self, old: Value, out: &mut Block) -> Result<()> {
         let ty = self.type_of(old);
@@ -35,46 +44,117 @@ impl Back<'_, '_> {
         if adjoint.is_zero() {
             return Ok(());
         }
-        let expression = self.old.expressions[old].clone();
-        match expression {
-            Expression::Load { pointer } => {
-                if let Some(pointer) = self.adjoint_pointer(pointer, out) {
-                    self.add_to_memory(pointer, ty, adjoint, out);
-                }
+        let expression = &self.old.expressions[old];
+        if let Expression::Load { pointer } = *expression {
+            if let Some(pointer) = self.adjoint_pointer(pointer, out) {
+                self.add_to_memory(pointer, ty, adjoint, out);
+            }
+            return Ok(());
+        }
+        let change = self.linearised(old, expression, out);
+        match change.map_err(|_| no_way_back(self.shared.name(self.function)))? {
+            Some(change) => self.transposed_change(&change, adjoint, ty, out),
+            None => Ok(()),
+        }
+    }
+
+    /// Hands an adjoint, whose value is of type `ty`, back through a linear function to the operands of that function.
+    pub(super) fn transposed_change(
+        &mut self,
+        change: &Linear,
+        adjoint: Adjoint,
+        ty: Handle<Type>,
+        out: &mut Block,
+    ) -> Result<()> {
+        match *change {
+            Linear::Of(old) => {
+                self.contribute(old, adjoint, out);
                 return Ok(());
             }
-            Expression::AccessIndex { base, index } => {
+            Linear::Rearranged(Expression::AccessIndex { base, index }) => {
                 self.contribute(base, Adjoint::part(index, adjoint), out);
+                return Ok(());
+            }
+            Linear::Rearranged(Expression::Compose { ref components, .. }) if self.is_composite(ty) => {
+                let mut adjoints = self.parts(adjoint, ty, out).parts;
+                for (index, part) in (0..).zip(components) {
+                    self.contribute(*part, adjoints.remove(&index).unwrap_or_default(), out);
+                }
                 return Ok(());
             }
             _ => {}
         }
-        let is_composed = matches!(expression, Expression::Compose { .. });
-        if is_composed && self.is_composite(ty) {
-            let Expression::Compose { components, .. } = expression else { return Ok(()) };
-            let mut parts = self.parts(adjoint, ty, out).parts;
-            for (index, component) in (0..).zip(components) {
-                self.contribute(component, parts.remove(&index).unwrap_or_default(), out);
-            }
-            return Ok(());
+        match self.materialised(&adjoint, ty, out) {
+            Some(whole) => self.transposed_whole(change, whole, out),
+            None => Ok(()),
         }
-        let Some(whole) = self.materialised(&adjoint, ty, out) else { return Ok(()) };
-        match expression {
-            Expression::Compose { components, .. } => {
+    }
+
+    /// As `transposed_change`, of a whole adjoint.
+    fn transposed_whole(&mut self, change: &Linear, whole: Value, out: &mut Block) -> Result<()> {
+        match *change {
+            Linear::Of(old) => self.contribute_whole(old, whole, out),
+            Linear::Negative(ref of) => {
+                let negated = self.negated(whole, out);
+                self.transposed_whole(of, negated, out)?;
+            }
+            Linear::NegativeWhere(condition, ref of) => {
+                let part = self.negative_where(condition, whole, out);
+                self.transposed_whole(of, part, out)?;
+            }
+            Linear::Sum(ref left, ref right) => {
+                self.transposed_whole(left, whole, out)?;
+                self.transposed_whole(right, whole, out)?;
+            }
+            Linear::Product(product, side, ref of, by) => {
+                let part = match product {
+                    Product::Lanes | Product::Dot => self.binary(BinaryOperator::Multiply, whole, by, out),
+                    Product::Widening => self.emit(Product::Dot.expression(whole, by), out),
+                    // y . (a' x b) = a' . (b x y), and y . (b x a') = a' . (y x b).
+                    Product::Cross if side == Side::Left => self.emit(product.expression(by, whole), out),
+                    Product::Cross => self.emit(product.expression(whole, by), out),
+                    Product::Matrix => return Err(no_way_back(self.shared.name(self.function))),
+                };
+                self.transposed_whole(of, part, out)?;
+            }
+            Linear::Quotient(ref of, by, only_where) => {
+                let part = self.quotient(whole, by, only_where, out);
+                self.transposed_whole(of, part, out)?;
+            }
+            Linear::Choice(condition, [ref accept, ref reject], ty) => {
+                let zero = self.append(Expression::ZeroValue(ty));
+                if let Some(of) = accept {
+                    let part = self.select(condition, whole, zero, out);
+                    self.transposed_whole(of, part, out)?;
+                }
+                if let Some(of) = reject {
+                    let part = self.select(condition, zero, whole, out);
+                    self.transposed_whole(of, part, out)?;
+                }
+            }
+            Linear::Rearranged(ref expression) => self.transposed_parts(expression, whole, out)?,
+        }
+        Ok(())
+    }
+
+    /// Hands a whole adjoint on to the operands whose parts an expression rearranges.
+    fn transposed_parts(&mut self, expression: &Expression, whole: Value, out: &mut Block) -> Result<()> {
+        match *expression {
+            // Of reals, and of shorter vectors.
+            Expression::Compose { ref components, .. } => {
                 let mut first = 0;
-                for component in components {
-                    let inner = self.shared.inner(self.function, component).clone();
-                    if let TypeInner::Vector { size, .. } = inner {
-                        let parts = (first..first + size as u32).map(|i| self.part(whole, i, out)).collect();
-                        let ty = self.type_of(component);
-                        let part = self.emit(Expression::Compose { ty, components: parts }, out);
-                        self.contribute_whole(component, part, out);
+                for old in components {
+                    let part = if let TypeInner::Vector { size, .. } = *self.inner_of(*old) {
+                        let lanes = first..first + size as u32;
+                        let components = lanes.map(|lane| self.part(whole, lane, out)).collect();
                         first += size as u32;
+                        let ty = self.type_of(*old);
+                        self.emit(Expression::Compose { ty, components }, out)
                     } else {
-                        let part = self.part(whole, first, out);
-                        self.contribute_whole(component, part, out);
                         first += 1;
-                    }
+                        self.part(whole, first - 1, out)
+                    };
+                    self.contribute_whole(*old, part, out);
                 }
             }
             Expression::Splat { size, value } => {
@@ -91,169 +171,6 @@ impl Back<'_, '_> {
                     self.contribute(vector, Adjoint::part(component as u32, part), out);
                 }
             }
-            Expression::Unary { op: UnaryOperator::Negate, expr } => {
-                let negated = self.negated(whole, out);
-                self.contribute_whole(expr, negated, out);
-            }
-            Expression::Binary { op, left, right } => self.arithmetic(op, [left, right], old, whole, out)?,
-            Expression::Select { condition, accept, reject } => {
-                let condition = self.value(condition);
-                let zero = self.append(Expression::ZeroValue(ty));
-                if self.varies(accept) {
-                    let part = self.select(condition, whole, zero, out);
-                    self.contribute_whole(accept, part, out);
-                }
-                if self.varies(reject) {
-                    let part = self.select(condition, zero, whole, out);
-                    self.contribute_whole(reject, part, out);
-                }
-            }
-            Expression::Math { fun, arg, arg1, arg2, .. } => {
-                let arguments: Vec<Value> = [Some(arg), arg1, arg2].into_iter().flatten().collect();
-                self.math(fun, &arguments, old, whole, out)?;
-            }
-            Expression::As { expr, kind: ScalarKind::Float, .. } => self.contribute_whole(expr, whole, out),
-            _ => return Err(no_way_back(self.shared.name(self.function))),
-        }
-        Ok(())
-    }
-
-    pub(super) fn arithmetic(
-        &mut self,
-        op: BinaryOperator,
-        [left, right]: [Value; 2],
-        old: Value,
-        whole: Value,
-        out: &mut Block,
-    ) -> Result<()> {
-        use BinaryOperator::{Add, Divide, Multiply, Subtract};
-        match op {
-            Add => {
-                self.contribute_whole(left, whole, out);
-                self.contribute_whole(right, whole, out);
-            }
-            Subtract => {
-                self.contribute_whole(left, whole, out);
-                if self.varies(right) {
-                    let negated = self.negated(whole, out);
-                    self.contribute_whole(right, negated, out);
-                }
-            }
-            Multiply => {
-                let is_matrix = |this: &Self, old: Value| {
-                    matches!(this.shared.inner(this.function, old), TypeInner::Matrix { .. })
-                };
-                if is_matrix(self, left) || is_matrix(self, right) {
-                    return Err(no_way_back(self.shared.name(self.function)));
-                }
-                for (one, other) in [(left, right), (right, left)] {
-                    if self.varies(one) {
-                        let other_value = self.value(other);
-                        // A scalar times a vector.
-                        let part = match !self.is_vector(one) && self.is_vector(other) {
-                            true => self.dot(whole, other_value, out),
-                            false => self.binary(Multiply, whole, other_value, out),
-                        };
-                        self.contribute_whole(one, part, out);
-                    }
-                }
-            }
-            Divide => {
-                // (a / b)' = (a' - (a / b) b') / b.
-                let divisor = self.value(right);
-                let over = self.binary(Divide, whole, divisor, out);
-                self.contribute_whole(left, over, out);
-                if self.varies(right) {
-                    let quotient = self.value(old);
-                    let product = self.binary(Multiply, over, quotient, out);
-                    let negated = self.negated(product, out);
-                    self.contribute_whole(right, negated, out);
-                }
-            }
-            _ => return Err(no_way_back(self.shared.name(self.function))),
-        }
-        Ok(())
-    }
-
-    pub(super) fn dot(&mut self, arg: Value, arg1: Value, out: &mut Block) -> Value {
-        let fun = MathFunction::Dot;
-        self.emit(Expression::Math { fun, arg, arg1: Some(arg1), arg2: None, arg3: None }, out)
-    }
-
-    pub(super) fn math(
-        &mut self,
-        fun: MathFunction,
-        old: &[Value],
-        result: Value,
-        whole: Value,
-        out: &mut Block,
-    ) -> Result<()> {
-        use BinaryOperator::{Divide, Greater, Less, Multiply};
-        let ty = self.type_of(old[0]);
-        let zero = self.append(Expression::ZeroValue(ty));
-        match fun {
-            MathFunction::Abs => {
-                let value = self.value(old[0]);
-                let is_below = self.binary(Less, value, zero, out);
-                let negated = self.negated(whole, out);
-                let part = self.select(is_below, negated, whole, out);
-                self.contribute_whole(old[0], part, out);
-            }
-            MathFunction::Min | MathFunction::Max => {
-                let op = if fun == MathFunction::Min { Less } else { Greater };
-                let [first, second] = [self.value(old[0]), self.value(old[1])];
-                let is_second = self.binary(op, second, first, out);
-                let part = self.select(is_second, zero, whole, out);
-                self.contribute_whole(old[0], part, out);
-                let part = self.select(is_second, whole, zero, out);
-                self.contribute_whole(old[1], part, out);
-            }
-            MathFunction::Clamp => {
-                let [x, low, high] = [0, 1, 2].map(|i| self.value(old[i]));
-                let is_low = self.binary(Less, x, low, out);
-                let is_high = self.binary(Greater, x, high, out);
-                let within = self.select(is_low, zero, whole, out);
-                let within = self.select(is_high, zero, within, out);
-                self.contribute_whole(old[0], within, out);
-                let below = self.select(is_low, whole, zero, out);
-                let below = self.select(is_high, zero, below, out);
-                self.contribute_whole(old[1], below, out);
-                let above = self.select(is_high, whole, zero, out);
-                self.contribute_whole(old[2], above, out);
-            }
-            MathFunction::Sqrt => {
-                // As on the way forward, a root of 0 has no slope.
-                let root = self.value(result);
-                let is_positive = self.binary(Greater, root, zero, out);
-                let doubled = self.binary(BinaryOperator::Add, root, root, out);
-                let slope = self.binary(Divide, whole, doubled, out);
-                let part = self.select(is_positive, slope, zero, out);
-                self.contribute_whole(old[0], part, out);
-            }
-            MathFunction::Fma | MathFunction::Dot => {
-                for (one, other) in [(old[0], old[1]), (old[1], old[0])] {
-                    if self.varies(one) {
-                        let other = self.value(other);
-                        let part = self.binary(Multiply, whole, other, out);
-                        self.contribute_whole(one, part, out);
-                    }
-                }
-                if let Some(added) = old.get(2) {
-                    self.contribute_whole(*added, whole, out);
-                }
-            }
-            MathFunction::Cross => {
-                // y' = a' x b + a x b', so that y . (a' x b) = a' . (b x y).
-                let cross = |this: &mut Self, arg: Value, arg1: Value, out: &mut Block| {
-                    this.emit(Expression::Math { fun, arg, arg1: Some(arg1), arg2: None, arg3: None }, out)
-                };
-                let [a, b] = [self.value(old[0]), self.value(old[1])];
-                let part = cross(self, b, whole, out);
-                self.contribute_whole(old[0], part, out);
-                let part = cross(self, whole, a, out);
-                self.contribute_whole(old[1], part, out);
-            }
-            MathFunction::Floor | MathFunction::Ceil | MathFunction::Trunc | MathFunction::Round => {}
             _ => return Err(no_way_back(self.shared.name(self.function))),
         }
         Ok(())

@@ -2,7 +2,7 @@
 
 use crate::error::Result;
 use crate::program::rewrite::function_builder::{FunctionBuilder, Rewrite};
-use crate::program::rewrite::jvp::rules::{Rule, rule};
+use crate::program::rewrite::rules::{Rule, rule};
 use crate::program::rewrite::transpose::record::{Record, key_of};
 use crate::program::rewrite::transpose::transposer::Transposer;
 use naga::{

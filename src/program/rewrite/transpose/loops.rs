@@ -5,7 +5,7 @@ use crate::error::Result;
 use crate::program::rewrite::function_builder::{FunctionBuilder, called, inner_blocks, real_literal};
 use crate::program::rewrite::jvp::function::rewrite_function;
 use crate::program::rewrite::jvp::rewriting::NewFunction;
-use crate::program::rewrite::jvp::rules::rule;
+use crate::program::rewrite::rules::rule;
 use crate::program::rewrite::transpose::emit::Emitter;
 use crate::program::rewrite::transpose::forward;
 use crate::program::rewrite::transpose::layout::add_chains;

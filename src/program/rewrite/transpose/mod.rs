@@ -6,7 +6,7 @@
 //! what the function gave to adjoints of what it took. A variable with numbers of the scene has a twin for their
 //! adjoints. The walk back along a ray's events is written by hand (shaders/derivatives/adjoints.wgsl).
 //!
-//! What a derivative sees is said by the same rules as for tangents ([`crate::program::rewrite::jvp::rules`]).
+//! The rules are the same as for tangents ([`crate::program::rewrite::linear`], [`crate::program::rewrite::rules`]).
 //!
 //! Source: Griewank and Walther, Evaluating Derivatives (2008), section 3.2, reverse propagation of gradients.
 
