@@ -42,7 +42,7 @@ FIRST_RAYS, FIRST_PEER_RAYS, STEP = 1 << 12, 1 << 10, 4
 GROUP = 8
 #: First seeds of the answer and of the claims: no two kinds of traces share a draw.
 ANSWER_SEED, PCG_SEED, SOBOL_SEED = 1 << 32, 1 << 37, 1 << 38
-#: The least relative error. A smaller one is that of the sums, whose squares are rounded to 2^-52 a ray.
+#: The least relative error. A smaller one is the sums' own, whose squares are rounded to 2^-52 a ray.
 LEAST_ERROR = 1e-9
 #: The confidence of a ratio's bounds.
 CONFIDENCE = 0.99
@@ -254,7 +254,7 @@ class Estimate:
 
     @classmethod
     def of(cls, answer: Answer, name: str) -> Estimate:
-        """That of a detector in an answer."""
+        """The estimate of a detector in an answer."""
         head, arrays = answer.report["detectors"][name], answer.arrays(name)
         if head["kind"] == "far_field":
             theta, phi = np.radians(arrays["theta"]), np.radians(arrays["phi"])
@@ -594,7 +594,7 @@ def table(head: str, of_curves: list[Json], of_numbers: list[Json], of_claims: l
 
 def parsed(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0], formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--binary", help="the program; by default that of the package nsq_gpu")
+    parser.add_argument("--binary", help="the program; by default the one of the package nsq_gpu")
     parser.add_argument("--adapter", help="a part of the adapter's name")
     parser.add_argument("--quick", action="store_true", help="few rays and traces: claims are shown but not judged")
     parser.add_argument("--claims", action="store_true", help="only what Sobol points are worth")

@@ -36,7 +36,7 @@ Json = dict[str, Any]
 Illuminance = Callable[[np.ndarray], np.ndarray]
 
 GREEN = {"wavelengths": [0.555], "weights": [1.0]}
-#: Edge of a pixel, and the longer edge of those of case 5.3 [m].
+#: Edge of a pixel, and the longer edge of pixels of case 5.3 [m].
 PIXEL, STRIP = 0.1, 0.2
 #: On the axis, of the lamps of cases 5.2 and 5.3 [cd].
 INTENSITY = 1000.0
@@ -201,7 +201,7 @@ def area_source(trace: Trace) -> list[Row]:
 
 
 def solid_angle(distance: float, ends: Sequence[float], others: Sequence[float]) -> float:
-    """Return that of a rectangle, whose edges are so far to either side of the foot of the perpendicular [sr]."""
+    """Return the solid angle of a rectangle, whose edges are so far to either side of the foot of the perpendicular [sr]."""
     return sum(math.atan(a * b / (distance * math.sqrt(a * a + b * b + distance**2))) for a in ends for b in others)
 
 

@@ -331,7 +331,7 @@ def main():
                       [(n, c, f"{t:.1e}", f"{m:.1e}", i) for n, c, t, m, i in rows]))
     for precision in ["f64", "f32"]:
         num_known, different = strict(tracer, precision, options.quick)
-        # Only where quotients and square roots are the nearest numbers can bits be those of another adapter.
+        # Only where quotients and square roots are the nearest numbers can bits be the same as on another adapter.
         is_nearest = f"rounding in {precision}: to the nearest" in adapters
         found = (judged(f"strict {precision}", different) if is_nearest else
                  f"{len(different)} scenes differ: this adapter does not round to the nearest (above).")
@@ -353,7 +353,7 @@ def main():
     if code:
         wrong.append(f"nsq-bench --paths: exit code {code}")
     rows, faults = derivatives(tracer)
-    section("Derivatives, beside those of Optiland's TorchBackend", judged("derivatives", faults),
+    section("Derivatives, beside Optiland's TorchBackend", judged("derivatives", faults),
             table(["scene", "parameters", "largest difference"], rows))
     code, printed, said = tracer.measure("--gradients", "--runs", 3, "--scenes", "rays_1e7,lens_0,lens_8",
                                          *(["--max-rays", "1e5"] if options.quick else []))

@@ -5,7 +5,7 @@
 
 The scene is one lens of N-BK7, a beam and an irradiance map of 64 x 64 pixels. The lens' radius, its thickness, the
 beam's radius and the map's place differ from turn to turn. All interpreters take their turn on each scene, one after the
-other. A turn's time is that of the trace alone, without the making of the scene.
+other. A turn's time is the time of the trace alone, without the making of the scene.
 
 Dr.Jit's loop is `python/tools/drjit_peer.py`: a kernel written by hand for this lens, which reads the four numbers. LLVM
 before 16 crashes in it on processors with AVX-512; `DRJIT_LIBLLVM_PATH` names another one.

@@ -293,7 +293,7 @@ fn sums_that_are_not_of_the_scene_are_refused_with_what_is_wrong() {
         (|t| t.paths[0].kind = PathEventKind::Birth(2), "names source 2; the scene has 2"),
         (|t| t.paths[1].kind = PathEventKind::Surface(usize::MAX), "names surface 18446744073709551615"),
         (|t| t.paths[1].kind = PathEventKind::Detector(4), "names detector 4; the scene has 4"),
-        (|t| t.escaped.count = 1 << 62, "sums that are larger than those of any trace"),
+        (|t| t.escaped.count = 1 << 62, "sums that are larger than any trace's"),
         (|t| t.detectors[0].hits[1] = u64::MAX, "sums that are larger"),
         (|t| t.detectors[0].quanta[1] = u128::MAX, "sums that are larger"),
         (|t| t.detectors[0].squares[1] = u128::MAX, "sums that are larger"),

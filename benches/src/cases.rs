@@ -74,7 +74,7 @@ impl Kind {
     }
 }
 
-/// The largest number of events: Optiland's default, and that of `nsq-gpu trace`.
+/// The largest number of events: the default of Optiland and of `nsq-gpu trace`.
 const MAX_DEPTH: u32 = 16;
 /// The sweep over rays, through the scene of Optiland's ray sweep. A Dr.Jit kernel traces the scene, too.
 pub const LENS_AXIS: &str = "rays";
@@ -341,7 +341,7 @@ fn at_z(z: f64) -> Value {
     json!({"z": z})
 }
 
-/// SplitMix64: the scenes' own draws, which are independent of those of a trace.
+/// SplitMix64: the scenes' own draws, which are independent of a trace's.
 struct Draws(u64);
 
 impl Draws {

@@ -120,7 +120,7 @@ impl Point {
 }
 
 impl Growth {
-    /// The table: seconds of each point, and how they compare with those of the shallow trace.
+    /// The table: seconds of each point, and how they compare with the shallow trace's.
     pub fn table(&self) -> String {
         let mut text = format!("{}, {}\n\n", self.adapter, self.precision.name());
         let _ = writeln!(

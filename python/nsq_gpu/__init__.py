@@ -23,16 +23,16 @@ The result is a :class:`Result`: a table where a shell or a notebook shows it, `
 ``result.save("run_1")`` and ``load("run_1")``, ``to_xarray()`` and ``to_pandas()``.
 
 Each detector's result also has ``standard_error``, an array of the shape and in the unit of its map (None for a ray
-database), and ``total_flux_standard_error`` [W]; both are None where they were not asked for by
+database), and ``total_flux_standard_error`` [W]; both are None if they were not asked for by
 ``NsqGpuBackend(standard_error=True)`` and would have cost something, unless hits say nothing of the error. Only the
-results of ``scene.trace`` have them, not those of a live detector's ``get_result()``.
+results of ``scene.trace`` have them, and a live detector's ``get_result()`` does not.
 
 ``NsqGpuBackend(seed, precision, adapter, binary, timeout, progress, target_error, time_limit, standard_error, sampler,
 max_depth, paths, where)``: ``precision="auto"`` takes f64 where the adapter is good at it, else f32 or, where that is
 too coarse and f64 is missing, ``"df64"``, pairs of f32; ``sampler="sobol"`` draws Sobol points, with which errors fall
 faster, instead of Optiland's random numbers; ``progress=True`` shows a bar at once, and None one of a trace that
-lasts; ``target_error=0.01`` stops when every detector's relative error is at most 1 % (that of its flux, and that of
-its map: the sum of the pixels' standard errors over the sum of their values), and ``time_limit`` after so many
+lasts; ``target_error=0.01`` stops when every detector's relative error is at most 1 % (the flux's error, and the
+map's: the sum of the pixels' standard errors over the sum of their values), and ``time_limit`` after so many
 seconds, with ``num_rays`` as the cap; where the target is not met, ToleranceWarning is given; ``max_depth=64`` takes
 the place of the 16 events that ``scene.trace`` passes; ``paths=True`` sums up light by its path, in ``result.paths``,
 and ``where="reflections == 2"`` keeps the light of some paths; ``timeout`` is in seconds. Ctrl-C raises

@@ -63,14 +63,14 @@ class NsqGpuBackend(TracerBackend):
         progress: True shows a bar, False none. None shows one after two seconds where tqdm is installed, in a terminal or a
             notebook. A function is called with the rays done, the rays in all, and the rays per second.
         target_error: Stop when every detector's relative error is at most this, 0.01 or "1%". Two errors count. One
-            is that of the flux. The other is that of the map: the sum of the pixels' standard errors over the sum of
+            is the flux's. The other is the map's: the sum of the pixels' standard errors over the sum of
             their values. The rays given to ``trace`` are then the most. ToleranceWarning says where it was not met.
         standard_error: True sums second moments, so that results have standard errors, False does not; None does where
             it costs little, where hits say nothing of the error, or where ``target_error`` needs them. With Sobol points,
             True scrambles them in 16 independent ways and gives the errors between these, and None gives none.
         time_limit: Stop after so long [s], and return what was reached; unlike ``timeout``, which gives nothing.
         sampler: ``"pcg"``, Optiland's random numbers, or ``"sobol"``, Owen-scrambled Sobol points, with which errors
-            fall faster, but rays are not those of Optiland's backends.
+            fall faster, but rays are not the ones of Optiland's backends.
         max_depth: Largest number of events of a ray, instead of the one given to ``trace``, which is 16 where the caller
             gives none; ResultWarning says where that takes light, and what to give.
         paths: True sums up light by its path, from its source to a detector. ``result.paths`` is then a
@@ -80,14 +80,14 @@ class NsqGpuBackend(TracerBackend):
             that goes on through the surfaces that it meets. None takes such tensors as values, as ``torch.no_grad()`` does.
             With ``be.grad_mode`` on, where every constant is such a tensor, ResultWarning names each that has no derivative,
             once.
-        backward_seed: Seed of the draws of ``backward``; None takes those of the trace. Other draws make the gradient of a
+        backward_seed: Seed of the draws of ``backward``; None takes the trace's draws. Other draws make the gradient of a
             loss that is not linear in the map unbiased.
         check_edges: ``backward`` compares a gradient with a short difference of two traces, once for scenes of one shape, and
             ResultWarning says where they disagree by more than 3 standard errors: light crosses edges there. False does not.
         where: Keep only the light whose path matches this expression, such as ``"reflections == 2 and not
-            hit(mount)"``. Detectors then hold this light alone. The ledger is that of all light, with a line
+            hit(mount)"``. Detectors then hold this light alone. The ledger is of all light, with a line
             ``filtered_out``.
-        guide: True guides rays to rare light, such as the ghosts of coated lenses: that of ``where``, or else of all detectors.
+        guide: True guides rays to rare light, such as the ghosts of coated lenses: to the light of ``where``, or else of all detectors.
             A pilot learns how, and weights make up for it: all sums stay right on average. Where nobody asks for more than 16
             events, a ray has 4 for each face. Gradients take plain rays.
         photometric: True says results in lumens, lux and candela as well, for any spectrum, and False does not. None does where
@@ -174,7 +174,7 @@ class NsqGpuBackend(TracerBackend):
             batch_size: Ignored: Optiland's suits a CPU, results do not depend on it, and the program sizes its own
                 batches for the adapter.
             seed: Seed of the draws, instead of the backend's.
-            record_paths: True records the paths of all rays, a number those of about so many.
+            record_paths: True records the paths of all rays, a number the paths of about so many.
 
         Raises:
             NsqGpuError: One of its subclasses, by what went wrong.
@@ -218,7 +218,7 @@ class NsqGpuBackend(TracerBackend):
             return result_of(not_met, partial=False)
 
     def _differentiates(self) -> bool:
-        """Tell whether tensors of the scene are to get gradients."""
+        """Return whether tensors of the scene are to get gradients."""
         if self.gradient is None or be.get_backend() != "torch":
             return False
         import torch
@@ -339,7 +339,7 @@ class NsqGpuBackend(TracerBackend):
 
 
 def _go_with_gradients(options: dict[str, Any]) -> bool:
-    """Tell whether results of these options can carry a graph; say so where they cannot.
+    """Return whether results of these options can carry a graph; say so where they cannot.
 
     Raises:
         UsageError: They cannot, and somebody named the tensors that want gradients.

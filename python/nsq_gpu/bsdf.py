@@ -67,7 +67,7 @@ def ABg(A: float, B: float, g: float, transmissive_fraction: float = 0.0) -> Har
 class KCorrelation(HarveyShackBSDF):
     """The K-correlation lobe: b0 / (1 + (B beta)^2)^(s/2).
 
-    Here beta is the distance of direction cosines from the specular direction. B and s are those of a surface's power spectral
+    Here beta is the distance of direction cosines from the specular direction. B and s are parameters of a surface's power spectral
     density, sigma^2 B^2 (s - 2) / (2 pi (1 + (B f)^2)^(s/2)); with B over the wavelength, because f is beta over the wavelength
     (Dittman, K-correlation power spectral density and surface scatter model, Proc. SPIE 6291, 2006). FRED and Zemax have s, too;
     the C of the literature's two-dimensional density is s - 1.
@@ -106,7 +106,7 @@ class KCorrelation(HarveyShackBSDF):
             B_um: 2 pi times the typical wavelength of the surface [um].
             s: Slope of the two-dimensional power spectral density.
             wavelength_um: Wavelength of the light in its medium [um].
-            reference_wavelength_um: Wavelength at which sigma_um was found [um]; that of the light if None.
+            reference_wavelength_um: Wavelength at which sigma_um was found [um]; the light's wavelength if None.
             delta_n: Difference of the refractive indices; 2 for a mirror.
             transmissive_fraction: Fraction of the scattered rays that go straight on.
 
@@ -162,7 +162,7 @@ class KCorrelation(HarveyShackBSDF):
 def tis(bsdf: BaseBSDF) -> float:
     """Return the total integrated scatter: the share of light at normal incidence that scatters into the hemisphere.
 
-    It is the integral of BSDF cos(theta) over solid angles, which is that of the BSDF over the unit disk of direction cosines. For
+    It is the integral of BSDF cos(theta) over solid angles, which is the integral of the BSDF over the unit disk of direction cosines. For
     the ``scatter_fraction`` of a surface see :func:`by_tis`.
 
     Raises:
@@ -182,7 +182,7 @@ def by_tis(bsdf: BaseBSDF) -> dict[str, Any]:
     ``"scatter_fraction": "tis"`` means in a scene file. A Harvey-Shack and a K-correlation lobe stay as they are. Their fraction
     is their integral over distances of direction cosines up to 2, because up to there they are drawn; what has no direction is lost.
     A Lambertian BSDF and a table carry their level in their weights. They become BSDFs of total integrated scatter 1, and their
-    own one is the fraction. Of a measured one, both are those of the first angle of incidence.
+    own one is the fraction. Of a measured one, both belong to the first angle of incidence.
 
     Raises:
         ValueError: The fraction exceeds 1, or is 0.

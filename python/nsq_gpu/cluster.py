@@ -72,7 +72,7 @@ class Provenance(NamedTuple):
     version: str
     #: SHA-256 of the program's file.
     sha256: str
-    #: Adapter and driver; None where the program refused the task.
+    #: Adapter and driver; None if the program refused the task.
     device: str | None = None
 
 
@@ -91,11 +91,11 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
           **options: Any) -> Result:
     """Trace a scene on a Dask cluster; return Optiland's result, and leave live detectors as its own backends do.
 
-    The bits are those of ``nsq-gpu trace -n NUM_RAYS`` with ``--strict``, where the adapters allow strict arithmetic.
+    The bits are the same as of ``nsq-gpu trace -n NUM_RAYS`` with ``--strict``, where the adapters allow strict arithmetic.
     Workers may come at any time, and the call waits for them.
 
     With ``guide=True`` this process learns the guide once, for a trace of ``num_rays``, and sends it to all workers. So it is
-    where the scene itself asks for a guide. The bits are those of ``--guide``, where the adapter here is as the workers'. Rays
+    where the scene itself asks for a guide. The bits are the same as of ``--guide``, where the adapter here is as the workers'. Rays
     may then need a larger ``max_depth``, such as four events a face.
 
     Args:
@@ -107,21 +107,21 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
             worker is there yet, eight are reckoned with.
         seed: Seed of the draws.
         max_depth: Largest number of events of a ray.
-        precision: As that of :class:`nsq_gpu.NsqGpuBackend`; this process decides it, for all workers.
+        precision: As in :class:`nsq_gpu.NsqGpuBackend`; this process decides it, for all workers.
         adapter: A part of the adapter's name, here and on the workers.
         binary: Path of the program on this machine and on the workers.
         any_driver: True takes workers whose drivers differ from each other; the last bits may then depend on who traced
             which rays.
         target_error: Largest relative error, such as ``0.01`` or ``"1%"``. The result is the shortest prefix of the ranges,
-            two or more, that is as certain as that. So it does not depend on who was fast, and its bits are those of
+            two or more, that is as certain as that. So it does not depend on who was fast, and its bits are the same as of
             ``-n`` that many rays ``--of-rays NUM_RAYS``, guided by what was learned for all. Ranges beyond it are thrown away.
         timeout: Longest time of the call [s], waits for workers included.
-        progress: As that of :class:`nsq_gpu.NsqGpuBackend`; a range counts when it is done.
-        scatter_prob: As that of :class:`nsq_gpu.NsqGpuBackend`.
-        scatter_to: As that of :class:`nsq_gpu.NsqGpuBackend`.
-        color: As that of :class:`nsq_gpu.NsqGpuBackend`.
-        options: Further options of ``nsq-gpu trace`` by their names, such as ``paths=True``. The table of paths is that
-            of one trace of all rays. Files of ``guide_from`` and ``guide_to`` are read and written here alone.
+        progress: As in :class:`nsq_gpu.NsqGpuBackend`; a range counts when it is done.
+        scatter_prob: As in :class:`nsq_gpu.NsqGpuBackend`.
+        scatter_to: As in :class:`nsq_gpu.NsqGpuBackend`.
+        color: As in :class:`nsq_gpu.NsqGpuBackend`.
+        options: Further options of ``nsq-gpu trace`` by their names, such as ``paths=True``. The table of paths is the
+            same as of one trace of all rays. Files of ``guide_from`` and ``guide_to`` are read and written here alone.
 
     Raises:
         NsqGpuError: One of its subclasses, by what went wrong.
@@ -208,8 +208,8 @@ def sweep(scene: NSQScene, numbers: Mapping[str, Sequence[float]], num_rays: int
           progress: Progress = None, scatter_prob: ScatterProb = None, scatter_to: ScatterTo = None, **options: Any) -> Sweep:
     """Trace a scene with every combination of some numbers' values, a task each: :meth:`nsq_gpu.Session.sweep`.
 
-    Each process of a worker keeps a session, so that scenes of one shape are compiled once there. Arguments are those of
-    :meth:`nsq_gpu.Session.sweep` and of :func:`trace`.
+    Each process of a worker keeps a session, so that scenes of one shape are compiled once there. Arguments are as in
+    :meth:`nsq_gpu.Session.sweep` and :func:`trace`.
 
     Raises:
         NsqGpuError: One of its subclasses, by what went wrong.

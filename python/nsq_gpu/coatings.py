@@ -35,7 +35,7 @@ _KEYS = ("R", "T", "R_back", "T_back")
 class TabulatedCoating(BaseCoating):
     """A coating by wavelength and angle of incidence, averaged over polarisation.
 
-    Values are linear in the cosine of the angle between those of the table. What R and T leave of 1 is absorbed, and
+    Values are linear in the cosine of the angle between the table's angles. What R and T leave of 1 is absorbed, and
     booked as the coating's loss. Where reflection is total, R + T is reflected.
 
     Args:

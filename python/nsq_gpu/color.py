@@ -1,6 +1,6 @@
 """The colour of what detectors saw, from X, Y and Z: chromaticity, colour temperature and pictures, with errors.
 
-The observer is that of the CIE 1931, of 2 degrees. Chromaticities are those of CIE 015:2018, sections 7.3 and 8.1. The program's
+The observer is CIE 1931, of 2 degrees. Chromaticities are as in CIE 015:2018, sections 7.3 and 8.1. The program's
 twin is ``src/result/color.rs``.
 """
 
@@ -100,7 +100,7 @@ def colored(exported: ExportedScene, color: ColorOf) -> ExportedScene:
 
 @dataclass(frozen=True)
 class Chromaticity:
-    """Chromaticities: of each pixel, in the shape of its map, or of all light. Those of the dark are NaN."""
+    """Chromaticities: of each pixel, in the shape of its map, or of all light. Dark pixels have NaN."""
 
     #: X / (X + Y + Z) and Y / (X + Y + Z), of the diagram of CIE 1931.
     x: Any
@@ -108,7 +108,7 @@ class Chromaticity:
     #: 4 X / (X + 15 Y + 3 Z) and 9 Y / (X + 15 Y + 3 Z), of the diagram of CIE 1976.
     u_prime: Any
     v_prime: Any
-    #: Standard errors of the four, one behind the other; None where they are not known. NaN of a pixel with fewer than ten rays.
+    #: Standard errors of the four, one behind the other; None if they are not known. NaN of a pixel with fewer than ten rays.
     standard_error: np.ndarray | None
 
 
@@ -120,7 +120,7 @@ class ColorTemperature:
     cct: Any
     #: Distance from the Planckian curve in u and v of CIE 1960: above it, towards green, it is positive.
     duv: Any
-    #: Standard errors; None where they are not known.
+    #: Standard errors; None if they are not known.
     cct_standard_error: Any
     duv_standard_error: Any
 
@@ -133,13 +133,13 @@ class ColorOverAngle:
     theta: np.ndarray
     #: Distance in u' and v' from the middle, of the mean over all azimuths.
     delta_uv: np.ndarray
-    #: Its standard error; None where it is not known.
+    #: Its standard error; None if it is not known.
     standard_error: np.ndarray | None
-    #: The distance that noise alone gives, as a root of the mean square. A distance that is not above it says nothing.
+    #: The distance that noise alone gives, as a root of the mean square. A distance up to it says nothing.
     noise: np.ndarray | None
     #: Colour of the mean over all azimuths, by polar angle.
     chromaticity: Chromaticity
-    #: Covariances of u' and v', (n_theta, 2, 2); None where they are not known.
+    #: Covariances of u' and v', (n_theta, 2, 2); None if they are not known.
     _covariance: np.ndarray | None = field(repr=False)
 
     def cct(self) -> ColorTemperature:
@@ -160,9 +160,9 @@ class Color:
         seen = ((report.get("photometry") or {}).get("detectors") or {}).get(name) or {}
         self._of_all: Json = seen.get("color") or {}
         self._arrays = arrays
-        #: X, Y and Z in the shape of the map, one behind the other [lx], of a far field [cd]; None where colour is not known.
+        #: X, Y and Z in the shape of the map, one behind the other [lx], of a far field [cd]; None if colour is not known.
         self.xyz = np.stack([arrays[part] for part in PARTS]) if "X" in arrays else None
-        #: Their standard errors, and the covariances of X and Y, X and Z, Y and Z [lx^2] or [cd^2]; None where they are not known.
+        #: Their standard errors, and the covariances of X and Y, X and Z, Y and Z [lx^2] or [cd^2]; None if they are not known.
         self.xyz_standard_error = arrays.get("standard_error_XYZ")
         self.xyz_covariance = arrays.get("covariance_XYZ")
 
@@ -170,7 +170,7 @@ class Color:
         """Return the chromaticity of each pixel, or of all light, with standard errors to first order.
 
         Args:
-            whole: True returns that of all light, as the report has it. Its errors assume that light of one wavelength
+            whole: True returns the chromaticity of all light, as the report has it. Its errors assume that light of one wavelength
                 arrives equally well from every source. Errors of pixels assume nothing.
 
         Raises:
@@ -197,7 +197,7 @@ class Color:
         A map of 256 x 256 pixels takes about a minute.
 
         Args:
-            whole: True returns that of all light, with errors as those of ``chromaticity(whole=True)``.
+            whole: True returns the temperature of all light, with errors as in ``chromaticity(whole=True)``.
 
         Raises:
             UsageError: The detector saw no colour.
@@ -238,9 +238,9 @@ class Color:
         """Draw the map in its colours.
 
         Args:
-            white: As that of ``srgb``.
+            white: As in ``srgb``.
             smooth: A far field is drawn in cells of about equal solid angle, as ``result.plot`` draws it.
-            ax: Matplotlib's axes; those of a far field are polar. None makes a figure.
+            ax: Matplotlib's axes; a far field's are polar. None makes a figure.
             options: Further options of ``imshow`` or ``pcolormesh``.
 
         Returns:
@@ -315,7 +315,7 @@ class Color:
         """Draw :meth:`color_over_angle`: a band has the standard error, and a dotted line what noise alone gives.
 
         Args:
-            middle: As that of :meth:`color_over_angle`.
+            middle: As in :meth:`color_over_angle`.
             of: ``"delta_uv"``, the distance from the middle in u' and v'; or ``"cct"`` or ``"duv"``, by polar angle.
             ax: Matplotlib's axes. None makes a figure.
             options: Further options of ``plot``.
@@ -357,7 +357,7 @@ class Color:
         return self.xyz
 
     def _covariance(self) -> np.ndarray | None:
-        """Return covariances of X, Y and Z, (3, 3, ...); None where they are not known."""
+        """Return covariances of X, Y and Z, (3, 3, ...); None if they are not known."""
         if self.xyz_standard_error is None or self.xyz_covariance is None:
             return None
         found = np.empty((3, *self.xyz_standard_error.shape))
@@ -377,7 +377,7 @@ ATTRIBUTES = ("xyz", "xyz_standard_error", "xyz_covariance", "chromaticity", "cc
 
 
 def add_color(detector: Any, name: str, report: Json, arrays: dict[str, np.ndarray]) -> None:
-    """Put colour on a detector's result: arrays, which are None where it is not known, and the methods of :class:`Color`."""
+    """Put colour on a detector's result: arrays, which are None if it is not known, and the methods of :class:`Color`."""
     found = Color(name, report, arrays)
     for key in ATTRIBUTES:
         setattr(detector, key, getattr(found, key))
@@ -403,8 +403,8 @@ def _chromaticities(xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _covariance_of(known: Chromaticity) -> np.ndarray:
     """Return the covariances of u' and v', (2, 2), from standard errors of x, y, u' and v'.
 
-    To first order, x and y are linear in u' and v', so that their errors tell the covariance. Two equations have it; the
-    result is that of least squares.
+    To first order, x and y are linear in u' and v', so that their errors give the covariance. Two equations have it; the
+    result is the one of least squares.
     """
     assert known.standard_error is not None
     of_x, of_y, of_u, of_v = known.standard_error**2
@@ -419,7 +419,7 @@ def _covariance_of(known: Chromaticity) -> np.ndarray:
 
 
 def _color_temperature(known: Chromaticity, covariance: np.ndarray | None) -> ColorTemperature:
-    """Return colour temperatures of chromaticities, of which u' and v' have covariances (..., 2, 2); None where not known."""
+    """Return colour temperatures of chromaticities, of which u' and v' have covariances (..., 2, 2); None if not known."""
     # To u and v of CIE 1960.
     scale = np.array([1.0, 2.0 / 3.0])
     uv = np.stack([known.u_prime, known.v_prime], axis=-1) * scale

@@ -9,7 +9,7 @@ more than FATES of the recorded rays go elsewhere. Where a side splits rays, its
 there expectations of flux are the same, so the verdict goes by fluxes and maps alone. Where rounding decides a ray's
 way, as after many reflections between curved mirrors, ``--statistical`` leaves the rays' fates out of the verdict.
 
-Other exit codes are those of ``nsq-gpu``: 2 for wrong options or a file that cannot be read, 3 for an invalid scene or
+Other exit codes are the same as of ``nsq-gpu``: 2 for wrong options or a file that cannot be read, 3 for an invalid scene or
 one that Optiland cannot build, 4 without an adapter, 5 where the device fails.
 """
 
@@ -167,7 +167,7 @@ def _of_fluxes(what: str, ours: float, theirs: float, weight: float) -> Differen
 
 
 def _of_maps(what: str, ours: np.ndarray, theirs: np.ndarray, hits: float) -> Difference:
-    """Compare bin by bin; a bin's noise is that of as many hits as its share of the map stands for."""
+    """Compare bin by bin; a bin's noise is the noise of as many hits as its share of the map stands for."""
     apart = np.abs(ours - theirs)
     peak = float(np.abs(theirs).max(initial=0.0))
     per_hit = float(theirs.sum()) / max(hits, 1)
@@ -215,7 +215,7 @@ def verdict(side: Side, reference: Side, statistical: bool) -> tuple[str, bool]:
 
 
 def _line(difference: Difference, judged: bool) -> str:
-    # Where rays split, one leaves many hits: the noise of their number is not that of single rays.
+    # Where rays split, one leaves many hits: the noise of their number is not the noise of single rays.
     sigmas = f"{difference.sigmas:8.2g} sigma" if judged else "    not judged"
     return f"  {difference.what:32} {sigmas}  {difference.detail}".rstrip()
 
@@ -260,7 +260,7 @@ def _check(options: argparse.Namespace) -> None:
     """
     if options.torch and importlib.util.find_spec("torch") is None:
         raise UsageError("--torch: Torch is not installed; `pip install torch`, or compare with NumPy alone")
-    # The loader takes scenes for valid, and drops some keys that it does not know. The command tells the place.
+    # The loader takes scenes for valid, and drops some keys that it does not know. The command names the place.
     check_scene(find_binary(options.binary), options.scene)
 
 

@@ -30,9 +30,9 @@ Json = dict[str, Any]
 class FluxDifference(Displayed):
     """A flux of both scenes [W]."""
 
-    #: That of scene A.
+    #: Its value in scene A.
     a: float
-    #: That of scene B.
+    #: Its value in scene B.
     b: float
     #: A - B.
     difference: float
@@ -52,7 +52,7 @@ class DetectorDifference(FluxDifference):
 
     #: Optiland's name of the kind.
     kind: str
-    #: A - B cell by cell, in the shape of the detector's array; None where the scenes have no map of the same cells.
+    #: A - B cell by cell, in the shape of the detector's array; None if the scenes have no map of the same cells.
     map: np.ndarray | None
     #: Standard errors of ``map``.
     map_standard_error: np.ndarray | None
@@ -103,8 +103,8 @@ def diff(a: NSQScene | str | os.PathLike[str], b: NSQScene | str | os.PathLike[s
          progress: Progress = None) -> Difference:
     """Trace two scenes by the same draws; return A - B with standard errors of its own.
 
-    What the change does not touch cancels to the bit, so that the error of the difference is far below that of either
-    scene. Nothing need be differentiable: apertures, glasses, meshes and whole lenses may change.
+    What the change does not touch cancels to the bit, so that the error of the difference is far below either scene's
+    own. Nothing need be differentiable: apertures, glasses, meshes and whole lenses may change.
 
     >>> found = nsq_gpu.diff(scene, changed, 1_000_000)
     >>> found.detectors["image"].difference, found.detectors["image"].standard_error
@@ -115,13 +115,13 @@ def diff(a: NSQScene | str | os.PathLike[str], b: NSQScene | str | os.PathLike[s
         num_rays: Rays of each scene.
         seed: Seed of the draws.
         max_depth: Largest number of events of a ray.
-        precision: As that of :class:`nsq_gpu.NsqGpuBackend`.
+        precision: As in :class:`nsq_gpu.NsqGpuBackend`.
         sampler: ``"pcg"`` or ``"sobol"``; with the latter, lines of the ledger have no errors.
         where: Keeps on detectors the light whose path matches: ``"reflections == 2"``.
         adapter: A part of the adapter's name.
         binary: Path of the program.
         timeout: Longest time [s].
-        progress: As that of :class:`nsq_gpu.NsqGpuBackend`.
+        progress: As in :class:`nsq_gpu.NsqGpuBackend`.
 
     Raises:
         NsqGpuError: One of its subclasses, by what went wrong.
@@ -153,7 +153,7 @@ def diff(a: NSQScene | str | os.PathLike[str], b: NSQScene | str | os.PathLike[s
 
 
 def _read(folder: Path) -> Difference | None:
-    """Return the difference in a folder of results; None where there is none."""
+    """Return the difference in a folder of results; None if there is none."""
     if not (folder / "report.json").exists():
         return None
     report = json.loads((folder / "report.json").read_text(encoding="utf-8"))

@@ -78,7 +78,7 @@ class Displayed:
 
 
 def number(value: float | None, digits: int = 6) -> str:
-    """Return a number as a table has it; nothing where it is not known."""
+    """Return a number as a table has it; an empty text where it is not known."""
     return "" if value is None or value != value else f"{value:.{digits}g}"
 
 

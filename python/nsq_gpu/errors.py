@@ -28,7 +28,7 @@ class NsqGpuError(RuntimeError):
 
     #: Exit code of the command.
     exit_code: int | None = None
-    #: What was computed before, as the call would have returned it, with ``partial`` set; None where nothing was.
+    #: What was computed before, as the call would have returned it, with ``partial`` set; None if nothing was.
     partial: Any = None
 
     def __init__(self, message: str, exit_code: int | None = None, stderr: str = "") -> None:
@@ -60,7 +60,7 @@ class UnknownNameError(UsageError, SceneError, KeyError):
     Older versions gave UsageError for a name of no entry, and SceneError for a name of no number. It is both.
     """
 
-    # That of KeyError is the message in quotes.
+    # KeyError's own shows the message in quotes.
     __str__ = RuntimeError.__str__
 
 
@@ -104,7 +104,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 def with_partial(stop: BaseException, partial: Any) -> BaseException:
-    """Return the exception of a stop or an error, with what was computed before; None where nothing was."""
+    """Return the exception of a stop or an error, with what was computed before; None if nothing was."""
     if isinstance(stop, KeyboardInterrupt):
         return stop if partial is None else Interrupted(partial)
     stop.partial = partial  # type: ignore[attr-defined]
@@ -128,7 +128,7 @@ class ToleranceWarning(NsqGpuWarning):
 
 
 def wants_gradient(value: object) -> bool:
-    """Tell whether a value is a tensor that wants a gradient."""
+    """Return whether a value is a tensor that wants a gradient."""
     return bool(getattr(value, "requires_grad", False))
 
 
@@ -164,7 +164,7 @@ _OURS = tuple(os.path.dirname(os.path.abspath(file)) + os.sep for file in (__fil
 
 
 def warn(message: str, category: type[Warning]) -> None:
-    """Give a warning as that of the user's line, which called this package, Optiland, or Torch, which calls this package."""
+    """Give a warning as one of the user's line, which called this package, Optiland, or Torch, which calls this package."""
     def is_users(frame: Any) -> bool:
         is_torchs = str(frame.f_globals.get("__name__", "")).startswith("torch.")
         return not is_torchs and not os.path.abspath(frame.f_code.co_filename).startswith(_OURS)

@@ -30,7 +30,7 @@ def rests_on(rays: int) -> str:
 
 
 def few_rays(entry: Mapping[str, Any]) -> FewRays | None:
-    """Return what an entry of a report says; None where its flux rests on ten rays or more."""
+    """Return what an entry of a report says; None if its flux rests on ten rays or more."""
     return FewRays(entry["rests_on"], entry["upper_bound_95"]) if "rests_on" in entry else None
 
 

@@ -32,9 +32,9 @@ class Figure(NamedTuple):
     """A figure of the light."""
 
     value: float
-    #: Standard error, in the unit of the value; None where it is not known.
+    #: Standard error, in the unit of the value; None if it is not known.
     standard_error: float | None
-    #: About how much noise has added to the value; None where that is not known. A maximum is too high, a minimum too low.
+    #: About how much noise has added to the value; None if that is not known. A maximum is too high, a minimum too low.
     noise_bias: float | None
 
 
@@ -58,7 +58,7 @@ class Region(NamedTuple):
 
 @dataclass(frozen=True)
 class DetectorFigures:
-    """The figures of a detector, by their names, such as ``min_over_mean``; names tell of other units than those here."""
+    """The figures of a detector, by their names, such as ``min_over_mean``; names say where units are others than here."""
 
     #: Unit of ``min``, ``mean`` and ``max``.
     unit: str

@@ -102,7 +102,7 @@ def finish(name: str) -> dict[str, Any]:
 
     >>> scene.add_mirror("baffle", frame, MirrorConfig(math.inf, 0.05, surface=SurfaceConfig(**finish("black paint"))))
 
-    All that such a surface sends back is scattered. The names are those of :data:`FINISHES`, in any case: ``"black paint"``,
+    All that such a surface sends back is scattered. The names stand in :data:`FINISHES`, in any case: ``"black paint"``,
     ``"chemglaze black paint"``, ``"catalac black paint"``, ``"parsons black paint"``, ``"black delrin"``, ``"black polyethylene"``,
     ``"black anodised aluminium"`` and ``"black nickel"``. What they send back does not depend on the wavelength.
 
@@ -146,7 +146,7 @@ def polished(roughness_um: float, wavelength_um: float, reflectance: Any = None,
         reflectance: Reflectance of a mirror: a number, a function of the wavelength or a coating, as SurfaceConfig has it.
         delta_n: Difference of the refractive indices at a lens's face, whose Fresnel reflection stays as it is. What is scattered
             goes with the light.
-        B_um: 2 pi times the typical wavelength of the surface [um]; :data:`DIAMOND_TURNED` has that of turned aluminium.
+        B_um: 2 pi times the typical wavelength of the surface [um]; :data:`DIAMOND_TURNED` has the value of turned aluminium.
         s: Slope of the BSDF at large angles.
 
     Returns:
@@ -198,7 +198,7 @@ def dusty(level: float, wavelength_um: float, reflectance: Any) -> dict[str, Any
 
     >>> SurfaceConfig(**dusty(300, 0.65, reflectance=0.9))
 
-    The amount is :func:`coverage`. The shape is that of ESA's model of the stray light of Proba-V: two lobes for 1000 ppm, fitted to
+    The amount is :func:`coverage`. The shape is as in ESA's model of the stray light of Proba-V: two lobes for 1000 ppm, fitted to
     Mie scattering at 0.45, 0.65, 0.825 and 1.6 um (github.com/ttsiodras/straylight, src/particulate_contamination_harvey_psf.cpp).
     One ABg lobe stands for the two here: it has their total integrated scatter, and their BSDF within a factor of two up to 90 deg.
     Between those wavelengths, height, width and slope are interpolated; beyond them the lobe is scaled as diffraction is.
@@ -218,7 +218,7 @@ def dusty(level: float, wavelength_um: float, reflectance: Any) -> dict[str, Any
         UsageError: There is no reflectance.
     """
     if reflectance is None:
-        raise UsageError("reflectance is None; give that of the clean mirror, such as 0.9: the model of dust is one of mirrors")
+        raise UsageError("reflectance is None; give the clean mirror's, such as 0.9: the model of dust is one of mirrors")
     amount = coverage(level) / _DUST_COVERAGE
     wavelength = _between("wavelength_um", wavelength_um, 0.36, 2.0)
     known = np.log([*_DUST])

@@ -61,7 +61,7 @@ class Ghosts(Displayed):
     scene: NSQScene
     #: The detector's name.
     detector: str
-    #: Unit of the fields' coordinates: ``"deg"`` or ``"mm"``; None where they have none.
+    #: Unit of the fields' coordinates: ``"deg"`` or ``"mm"``; None if they have none.
     unit: str | None
     #: How many ghosts of a field are its worst.
     top: int
@@ -90,7 +90,7 @@ class Ghosts(Displayed):
         ``rests_on``         rays that the flux rests on, where they are fewer than ten; else NaN
         ``upper_bound_95``   the flux is then below this [W], with 95 % confidence; else NaN
         ``sequence``         the path as a text: see :class:`nsq_gpu.PathTable`
-        ``where``            an expression that keeps this light alone: ``NsqGpuBackend(where=...)``; None where there is none
+        ``where``            an expression that keeps this light alone: ``NsqGpuBackend(where=...)``; None if there is none
         ===================  =======================================================================================
 
         ``attrs["units"]`` of the frame has the columns' units.

@@ -64,7 +64,7 @@ def ghosts(optic_or_scene: Optic | NSQScene | Mapping[str, Any] | str | os.PathL
     Args:
         optic_or_scene: Optiland's Optic; or a scene, its dictionary, or the path of its file.
         fields: Of an Optic, field angles along y [deg], or pairs (x, y); heights [mm] where its own fields are heights. The
-            lens and its detector stay those of its own fields, which None takes. Of a scene, names of sources, each of
+            lens and its detector stay made for its own fields, which None takes. Of a scene, names of sources, each of
             which is traced alone; None traces all of them at once.
         top: So many ghosts of each field are its worst, and have maps; 1 to 20.
         num_rays: Rays of each field.
@@ -73,7 +73,7 @@ def ghosts(optic_or_scene: Optic | NSQScene | Mapping[str, Any] | str | os.PathL
         group: ``"faces"``: light that the same faces reflect, in the same order, is one ghost. ``"sequence"``: light
             that also passes the same faces is.
         sort: What is worse: ``"flux"``, or ``"peak"``, the brightest pixel, which needs more rays to be known.
-        min_reflections: Fewest reflections of a ghost. Those of mirrors and total reflections count: give 4 where light
+        min_reflections: Fewest reflections of a ghost. Reflections by mirrors and total ones count: give 4 where light
             of the image has two.
         split_depth: Rays of fewer events follow both branches at each face. None takes 12, unless rays are guided, or the
             scene has a sampling policy of its own.
@@ -81,11 +81,11 @@ def ghosts(optic_or_scene: Optic | NSQScene | Mapping[str, Any] | str | os.PathL
             bare. It counts where neither ``split_depth`` nor the scene says how
             it is sampled.
         max_depth: Largest number of events of a ray. None takes 4 for each face that refracts, but at least 16.
-        precision: As that of :class:`nsq_gpu.NsqGpuBackend`.
+        precision: As in :class:`nsq_gpu.NsqGpuBackend`.
         adapter: A part of the adapter's name.
         binary: Path of the program.
         timeout: Longest time of the whole call [s].
-        progress: As that of :class:`nsq_gpu.NsqGpuBackend`, with the rays of all fields.
+        progress: As in :class:`nsq_gpu.NsqGpuBackend`, with the rays of all fields.
 
     Raises:
         UsageError: An argument makes no sense in this scene, such as a name of no detector; or no face refracts.

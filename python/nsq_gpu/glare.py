@@ -1,7 +1,7 @@
 """``veiling_glare``: the light in the image of a small black spot in a bright field (ISO 9358, integral method).
 
 The bright field is at infinity, and shines into the scene through a disk, the opening. The same radiance fills all directions
-within a cone about that of the spot. Light is linear. So a trace of the cone without the spot's directions gives the irradiance E_b
+within a cone about the spot's direction. Light is linear. So a trace of the cone without the spot's directions gives the irradiance E_b
 in the image of a black spot, and a trace of the spot's directions alone gives E_s. Without the spot there is E_b + E_s, and the
 veiling glare index is E_b / (E_b + E_s). Both traces see the same pixels, and nothing is subtracted.
 """
@@ -167,16 +167,16 @@ def veiling_glare(scene_or_optic: NSQScene | Optic | str | os.PathLike[str], det
     It is the irradiance in the middle of the image of a small round black spot in an extended field of uniform radiance, over the
     irradiance there without the spot (ISO 9358:1994, Veiling glare of image-forming systems, integral method). The field is at
     infinity, and fills a cone about the spot's direction. It shines into the scene through the opening alone, a disk across that
-    direction, as through the port of an integrating sphere. The index is E_b / (E_b + E_s): E_b is that of the field without the
-    spot's directions, E_s that of the spot's directions alone, each of a trace of its own.
+    direction, as through the port of an integrating sphere. The index is E_b / (E_b + E_s): E_b is from the field without
+    the spot's directions, E_s from the spot's directions alone, each of a trace of its own.
 
-    Irradiances are those of watts. For the eye, weigh the spectrum of the first source by V(lambda).
+    Irradiances are in watts. For the eye, weigh the spectrum of the first source by V(lambda).
 
     >>> nsq_gpu.veiling_glare(CookeTriplet(), half_spot_deg=1.0, angles_deg=[0, 10], num_rays=10_000_000, guide=True)
 
     Args:
-        scene_or_optic: The live scene, its file, or Optiland's Optic of an object at infinity. The spectrum is that of the first
-            source.
+        scene_or_optic: The live scene, its file, or Optiland's Optic of an object at infinity. The spectrum is the first
+            source's.
         detector: Name of an irradiance detector; it may be left out where there is one alone.
         half_spot_deg: Half of the angle that the black spot subtends [deg].
         half_field_deg: Half of the angle that the field subtends, about the spot [deg]; 90 is half of all directions.
@@ -186,18 +186,18 @@ def veiling_glare(scene_or_optic: NSQScene | Optic | str | os.PathLike[str], det
             radius [mm], such as ``((0, 0, -5), 20.0)``, across the global z. None takes the first face of an Optic that refracts,
             or the only collimated source of a scene. Off the axis the disk is turned, and moved back along the light until all of
             it lies before the opening.
-        region: Diameter of the region where light is looked at, in the middle of the spot's image, over that of the image.
+        region: Diameter of the region where light is looked at, in the middle of the spot's image, over the image's diameter.
         num_rays: Rays of each of the two traces of a direction.
-        scatter_prob: As that of :class:`nsq_gpu.NsqGpuBackend`.
-        scatter_to: As that of :class:`nsq_gpu.NsqGpuBackend`. The detector as a target stands for the region. A target that holds a part
+        scatter_prob: As in :class:`nsq_gpu.NsqGpuBackend`.
+        scatter_to: As in :class:`nsq_gpu.NsqGpuBackend`. The detector as a target stands for the region. A target that holds a part
             of the region alone makes errors too small: few rays then come to the rest.
-        seed: Seed of the draws of the field; that of the spot is one higher.
+        seed: Seed of the draws of the field; the spot's seed is one higher.
         max_depth: Largest number of events of a ray. None takes twice the surfaces that do not absorb, but at least 16.
-        precision: As that of :class:`nsq_gpu.NsqGpuBackend`.
+        precision: As in :class:`nsq_gpu.NsqGpuBackend`.
         adapter: A part of the adapter's name.
         binary: Path of the program.
         timeout: Longest time of the call [s].
-        progress: As that of :class:`nsq_gpu.NsqGpuBackend`, with the rays of all directions.
+        progress: As in :class:`nsq_gpu.NsqGpuBackend`, with the rays of all directions.
         options: Further options of ``nsq-gpu trace`` by their names, such as ``guide=True``, with which ghosts have smaller errors.
 
     Raises:

@@ -95,7 +95,7 @@ def jacobian(scene: NSQScene | str | os.PathLike[str], parameters: str | Sequenc
              binary: str | os.PathLike[str] | None = None, timeout: float | None = None) -> Jacobian:
     """Differentiate what all detectors record by numbers of a scene.
 
-    The derivative is that of the interior: of light that goes on through the surfaces that it meets. What a change moves
+    The derivative is the interior's: of light that goes on through the surfaces that it meets. What a change moves
     across an edge, such as the rim of a lens, is not in it, unless ``edges=True`` asks for that.
 
     >>> found = nsq_gpu.jacobian(scene, ["L1.r1", "L1.z"], 1_000_000)
@@ -108,10 +108,10 @@ def jacobian(scene: NSQScene | str | os.PathLike[str], parameters: str | Sequenc
         where: Keeps on detectors the light whose path matches: ``"reflections == 2"``.
         edges: True finds each derivative by a difference of two traces by the same draws, edges included. That takes two
             more traces for each parameter. ``interior`` of each derivative then has it without edges.
-        progress: As that of :class:`nsq_gpu.NsqGpuBackend`.
+        progress: As in :class:`nsq_gpu.NsqGpuBackend`.
         seed: Seed of the draws.
         max_depth: Largest number of events of a ray.
-        precision: As that of :class:`nsq_gpu.NsqGpuBackend`.
+        precision: As in :class:`nsq_gpu.NsqGpuBackend`.
         adapter: A part of the adapter's name.
         binary: Path of the program.
         timeout: Longest time [s].
@@ -141,7 +141,7 @@ class LossGradient(dict[str, float]):
                 for name, value in self.items()]
         return Summary("LossGradient", ["parameter", "d loss", "error", "unit"], rows).html()
 
-    #: Why some parameters were differentiated forward, four a pass over the rays; None where all were differentiated back.
+    #: Why some parameters were differentiated forward, four a pass over the rays; None if all were differentiated back.
     why_forward: str | None = None
     #: With ``edges=True`` the standard errors of the values, by the parameter's name; else None. NaN from too few rays.
     standard_errors: dict[str, float] | None = None
@@ -157,8 +157,8 @@ def loss_gradient(scene: NSQScene | str | os.PathLike[str], parameters: str | Se
     """Differentiate a loss by any number of a scene's numbers, in one pass over the rays.
 
     A loss is a number that you compute from what detectors record, such as the flux beyond a spot. Say what the loss gains by
-    a watt in each pixel; rays are then walked back from there. As with :func:`jacobian`, the derivative is that of the
-    interior, unless ``edges=True``.
+    a watt in each pixel; rays are then walked back from there. As with :func:`jacobian`, the derivative is the
+    interior's, unless ``edges=True``.
 
     >>> flux = result.detectors["image"].irradiance * pixel_area      # [W]
     >>> nsq_gpu.loss_gradient(scene, ["L1.r1", "L1.z"], {"image": 2 * (flux - wanted)}, 1_000_000)
@@ -166,23 +166,23 @@ def loss_gradient(scene: NSQScene | str | os.PathLike[str], parameters: str | Se
 
     Args:
         scene: The live scene, or its file.
-        parameters: Names of numbers, as those of :func:`jacobian`.
+        parameters: Names of numbers, as in :func:`jacobian`.
         adjoints: By detector, an array in the shape of its map: what the loss gains by a watt in each cell [1/W]. For a ray
             database, one number. Detectors that are missing do not count.
         num_rays: Rays to launch.
         where: Keeps on detectors the light whose path matches: ``"reflections == 2"``.
         edges: True finds each value by a difference of two traces by the same draws, edges included. That takes two more
             traces for each parameter.
-        progress: As that of :class:`nsq_gpu.NsqGpuBackend`.
+        progress: As in :class:`nsq_gpu.NsqGpuBackend`.
         seed: Seed of the draws.
         max_depth: Largest number of events of a ray.
-        precision: As that of :class:`nsq_gpu.NsqGpuBackend`.
+        precision: As in :class:`nsq_gpu.NsqGpuBackend`.
         adapter: A part of the adapter's name.
         binary: Path of the program.
         timeout: Longest time [s].
 
     Returns:
-        What the loss gains by a unit of each parameter; ``why_forward`` tells whether rays could not be walked back.
+        What the loss gains by a unit of each parameter; ``why_forward`` says whether rays could not be walked back.
 
     Raises:
         UnknownNameError: A name of nothing.
@@ -231,7 +231,7 @@ def _asked(scene: NSQScene | str | os.PathLike[str],
 
 
 def of_answer(answer: Answer, partial: bool = False, edges: bool = False) -> Jacobian:
-    """Return the derivatives of a session's answer; with ``edges`` those of which a stop left differences of two traces."""
+    """Return the derivatives of a session's answer; with ``edges`` the ones of which a stop left differences of two traces."""
     warn_of(answer.report, answer.missed_target)
     arrays = answer.arrays(None)
     derivatives = {}

@@ -42,7 +42,7 @@ _EXAMPLE = "angle_of_incidence_deg,scatter_azimuth_deg,scatter_radial_deg,bsdf"
 class MeasuredBSDF(TabulatedBSDF):
     """A BSDF by the angle of incidence, and by radial angle and azimuth about the reference direction.
 
-    The reference direction is that of the mirrored ray; of a BTDF, that of the ray itself. The azimuth is 0 towards the normal, and
+    The reference direction is the mirrored ray's; of a BTDF, the ray's own. The azimuth is 0 towards the normal, and
     grows counter-clockwise as somebody sees it whom that ray reaches. Values are linear in all three angles. They are 0 beyond the
     last radial angle and below the surface. Beyond the angles of incidence, the nearest ones count.
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 Json = dict[str, Any]
 
-#: The fields of a row. Those of objects are texts, or None; ``steps`` is a tuple of pairs such as ``("R", "L1.back")``.
+#: The fields of a row. Fields of objects are texts, or None; ``steps`` is a tuple of pairs such as ``("R", "L1.back")``.
 FIELDS = np.dtype([
     ("rank", np.int64),
     ("flux", np.float64),
@@ -137,7 +137,7 @@ class PathTable(_Table):
         """Return the faces whose coatings matter most to ghosts, which are rows of at least two reflections.
 
         Args:
-            detector: The detector whose ghosts count; by default those of all.
+            detector: The detector whose ghosts count; by default all detectors' ghosts.
             scene: The scene that was traced, or its file; by default the one that the result knows.
             binary: Path of the program.
 
@@ -156,7 +156,7 @@ class PathTable(_Table):
 
         if self.recoated:
             faces = ", ".join(str(face["face"]) for face in self.recoated)
-            raise UsageError(f"the table has new coatings of {faces} already; start from that of the trace, and name all "
+            raise UsageError(f"the table has new coatings of {faces} already; start from the trace's table, and name all "
                              "coatings at once")
         text = self._scene if scene is None else scene
         if text is None:
@@ -213,7 +213,7 @@ class CoatingTable(_Table):
                         says why
     ``standard_error``  its standard error [W]; NaN where it is not known
     ``share``           the share of the ghosts' flux that the face reflects at least once
-    ``reason``          why there is no derivative; None where there is one
+    ``reason``          why there is no derivative; None if there is one
     ==================  ============================================================================================
     """
 

@@ -33,7 +33,7 @@ def v_lambda(wavelength_um: Any) -> np.ndarray:
 
 
 def is_visible(efficacy: Any) -> Any:
-    """Tell whether light of an efficacy [lm/W] has lumens worth the name."""
+    """Return whether light of an efficacy [lm/W] has lumens worth the name."""
     return efficacy >= _LEAST * PEAK
 
 

@@ -1,4 +1,4 @@
-"""Files that a call was asked to write: whole or not at all, and never over what is not meant to be replaced.
+"""Files that a call was asked to write: whole or not at all, and never over what is meant to stay.
 
 The command's twin is ``src/cli/output_file.rs``.
 """
@@ -89,7 +89,7 @@ def _write_new(path: Path, data: bytes) -> None:
 
 
 def _may_replace(path: Path, overwrite: bool) -> bool:
-    """Tell whether there is a file that may be replaced; refuse a place that is taken."""
+    """Return whether there is a file that may be replaced; refuse a place that is taken."""
     try:
         found = path.lstat()
     except FileNotFoundError:
@@ -111,7 +111,7 @@ _written: dict[str, bytes] = {}
 
 
 def _is_own(path: Path) -> bool:
-    """Tell whether a file is as this process wrote it."""
+    """Return whether a file is as this process wrote it."""
     known = _written.get(os.path.abspath(path))
     return known is not None and hashlib.sha256(path.read_bytes()).digest() == known
 

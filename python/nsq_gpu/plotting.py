@@ -158,7 +158,7 @@ def _parsed(unit: str) -> tuple[float, str, str]:
 
 
 def _slice(found: Any, wavelength: float | str | None) -> tuple[np.ndarray, str]:
-    """Return the map of all light, or that of the bin next to a wavelength, and how a title names it."""
+    """Return the map of all light, or the map of the bin next to a wavelength, and how a title names it."""
     if found.irradiance.ndim == 2:
         return found.irradiance, ""
     if wavelength == "all":

@@ -67,7 +67,7 @@ class Shown:
 
     @property
     def is_wanted(self) -> bool:
-        """Tell whether somebody wants to hear how far the call is."""
+        """Return whether somebody wants to hear how far the call is."""
         return self._call is not None or self._bar is not None
 
     @property
@@ -89,7 +89,7 @@ class Shown:
 
     @property
     def of_json(self) -> Callable[[dict[str, Any]], None] | None:
-        """What shows a line of the program's; None where nobody wants to hear."""
+        """What shows a line of the program's; None if nobody wants to hear."""
         return (lambda said: self.show(Update(said))) if self.is_wanted else None
 
 
@@ -114,7 +114,7 @@ class Counter:
 
     @property
     def of_json(self) -> Callable[[dict[str, Any]], None] | None:
-        """What shows a line of the program's about the trace that runs; None where nobody wants to hear."""
+        """What shows a line of the program's about the trace that runs; None if nobody wants to hear."""
         return (lambda said: self._show(int(said["rays"]))) if self._shown.is_wanted else None
 
     def _show(self, rays: int, relative_error: float | None = None) -> None:
@@ -126,7 +126,7 @@ class Counter:
 
 
 def _is_watched() -> bool:
-    """Tell whether somebody sees a bar: stderr is a terminal, or this is a notebook's kernel."""
+    """Return whether somebody sees a bar: stderr is a terminal, or this is a notebook's kernel."""
     ipython = sys.modules.get("IPython")
     shell = ipython.get_ipython() if ipython is not None else None
     return hasattr(shell, "kernel") or bool(getattr(sys.stderr, "isatty", bool)())
@@ -155,7 +155,7 @@ class _Bar:
         self._tqdm.set_postfix_str(left)
 
     def close(self, is_whole: bool) -> None:
-        """Take the bar away; a notebook keeps that of a call that failed, in red."""
+        """Take the bar away; a notebook keeps the bar of a call that failed, in red."""
         if self._tqdm is None:
             return
         if is_whole:

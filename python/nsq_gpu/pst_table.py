@@ -20,19 +20,19 @@ from nsq_gpu.labelled import table, xarray
 from nsq_gpu.units import identifiers
 
 Json = dict[str, Any]
-#: A direction's place in the arrays: those of its angle and of its azimuth.
+#: A direction's place in the arrays: the places of its angle and of its azimuth.
 Place = tuple[int, int]
 
 #: Files in a folder, as ``nsq-gpu pst -o`` writes them.
 JSON, CSV = "pst.json", "pst.csv"
-#: How light is told apart in a picture, and how many lines it then has at most.
+#: How light is parted in a picture, and how many lines it then has at most.
 _BY = ("first_scatterer", "order")
 _MOST_LINES = 8
 
 
 @dataclass(frozen=True, repr=False)
 class PstResult(Displayed):
-    """Point source transmittance of a scene: the mean irradiance on a detector over that of the beam, on a plane across it.
+    """Point source transmittance of a scene: the mean irradiance on a detector over the beam's, on a plane across it.
 
     Arrays have the axes (angle, azimuth). Of directions that were not traced, numbers are NaN and counts 0.
 

@@ -70,18 +70,18 @@ def pst(scene: NSQScene | str | os.PathLike[str], angles_deg: Sequence[float] | 
         target_error: A direction ends at this relative standard error, such as ``0.1`` or ``"10%"``. ToleranceWarning says where it
             was not reached; ``reached`` of the result has it by direction.
         num_rays: Rays of each direction, at most where there is a target error.
-        scatter_prob: As that of :class:`nsq_gpu.NsqGpuBackend`.
-        scatter_to: As that of :class:`nsq_gpu.NsqGpuBackend`.
+        scatter_prob: As in :class:`nsq_gpu.NsqGpuBackend`.
+        scatter_to: As in :class:`nsq_gpu.NsqGpuBackend`.
         seed: Seed of the draws.
         max_depth: Largest number of events of a ray. None takes twice the surfaces that do not absorb, but at least 16.
-        precision: As that of :class:`nsq_gpu.NsqGpuBackend`.
-        client: A ``dask.distributed.Client``, or the address of a scheduler: workers share the directions. Bits are those of a call
+        precision: As in :class:`nsq_gpu.NsqGpuBackend`.
+        client: A ``dask.distributed.Client``, or the address of a scheduler: workers share the directions. Bits are as in a call
             without it, where the adapters are alike. None traces here.
         parts: Parts of the directions, a task each; by default four a worker. Each starts a program and compiles the shaders.
         adapter: A part of the adapter's name, here and on workers.
         binary: Path of the program, here and on workers.
         timeout: Longest time of the call [s].
-        progress: As that of :class:`nsq_gpu.NsqGpuBackend`, with the rays of all directions. True and a function part the
+        progress: As in :class:`nsq_gpu.NsqGpuBackend`, with the rays of all directions. True and a function part the
             directions into eight, of which each starts a program. None shows no bar, unless there is a client.
         options: Further options of ``nsq-gpu pst`` by their names, such as ``guide=True`` or ``sampler="sobol"``.
 
@@ -249,7 +249,7 @@ def traced(program: str, scene: str, part: Part, arguments: Sequence[str], timeo
 
 
 def left(folder: Path) -> Found | None:
-    """Return what a program has left in a folder; None where it has done nothing."""
+    """Return what a program has left in a folder; None if it has done nothing."""
     file = folder / JSON
     return Found(json.loads(file.read_text(encoding="utf-8"))["points"], []) if file.exists() else None
 

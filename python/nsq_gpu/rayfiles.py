@@ -61,9 +61,9 @@ class Rays:
     directions: np.ndarray
     #: Flux of each ray, in ``unit``.
     flux: np.ndarray
-    #: Wavelength of each ray [um]; None where the file has none, or a spectrum of all rays.
+    #: Wavelength of each ray [um]; None if the file has none, or a spectrum of all rays.
     wavelength: np.ndarray | None
-    #: ``"W"`` or ``"lm"``; None where the file does not say.
+    #: ``"W"`` or ``"lm"``; None if the file does not say.
     unit: str | None
     #: Flux of all rays, in ``unit``.
     total: float
@@ -161,7 +161,7 @@ def _tm25(path: str, size: int) -> Rays:
     flags = [int(flag) for flag in header["flags"]]
     for i, (flag, (name, _)) in enumerate(zip(flags, _COLUMNS, strict=True)):
         if flag not in ((1,) if i < 2 else (0, 1)):
-            _refuse(path, f"the flag of the {name} is {flag}", "flags are 0 or 1, and those of position and direction are 1")
+            _refuse(path, f"the flag of the {name} is {flag}", "flags are 0 or 1, and 1 for position and direction")
     if not flags[2] and not flags[4]:
         _refuse(path, "its rays have neither radiant nor luminous flux", "set one of the two flags; the standard asks for it")
     places = np.cumsum([0, *(width * flag for flag, (_, width) in zip(flags, _COLUMNS, strict=True))]).tolist()

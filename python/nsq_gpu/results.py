@@ -71,7 +71,7 @@ class LedgerDiagnostics(Diagnostics):
 
     ``flux_conservation_error`` is Optiland's figure. It has no term for what mirrors, coatings and scattering surfaces
     take, and closes only in expectation where branches are drawn by importance or rays end by roulette. The ledger has
-    a bin for each of these, so it alone tells whether light was lost.
+    a bin for each of these, so it alone says whether light was lost.
     """
 
     #: Quanta that no bin accounts for.
@@ -93,7 +93,7 @@ class LedgerDiagnostics(Diagnostics):
         return self.ledger_imbalance_quanta == 0 and self.invalid_deposits == 0
 
     def warnings(self) -> list[str]:
-        """Return Optiland's warnings; of the energy, those of the ledger."""
+        """Return Optiland's warnings; of the energy, the ledger's."""
         said = Diagnostics.warnings(dataclasses.replace(self, flux_conservation_error=0.0))
         said = [*said, *self.wrong_sides.get("warnings", [])]
         return said if self.ledger_closes else [self._ledger(), *said]
@@ -123,7 +123,7 @@ class Result(Displayed, SimulationResult):
     >>> nsq_gpu.load("run_1").to_xarray()
     """
 
-    #: Light by its path; None where it was not asked for.
+    #: Light by its path; None if it was not asked for.
     paths: PathTable | None = None
     #: What is known of fluxes that rest on fewer than ten rays, by detector.
     few_rays: dict[str, FewRays] = MappingProxyType({})  # type: ignore[assignment]
@@ -131,9 +131,9 @@ class Result(Displayed, SimulationResult):
     partial: bool = False
     #: The program's report, as ``report.json`` has it.
     report_json: Json = MappingProxyType({})  # type: ignore[assignment]
-    #: The program's arrays by detector, as the ``.npz`` files have them; under None those of recorded paths.
+    #: The program's arrays by detector, as the ``.npz`` files have them; under None the arrays of recorded paths.
     arrays: dict[str | None, dict[str, np.ndarray]] = MappingProxyType({})  # type: ignore[assignment]
-    #: The text of the scene that was traced, as a scene file has it; None where it is not known.
+    #: The text of the scene that was traced, as a scene file has it; None if it is not known.
     scene_json: str | None = None
 
     def plot(self, detector: str | None = None, *, kind: str | None = None, scale: str = "linear", unit: str | None = None,
@@ -145,15 +145,15 @@ class Result(Displayed, SimulationResult):
         Args:
             detector: Its name; it may be left out where one alone has a map.
             kind: ``"polar"`` draws a far field as the polar diagram of a luminaire: planes C0-C180 and C90-C270, gamma 0 deg
-                downwards, C0 and C90 to the right. Plane C lies at the azimuth 360 - C of the detector's frame, as that of a
-                lamp's file does: C90 is phi = -90 deg, and C270 is phi = 90 deg. None draws the map.
+                downwards, C0 and C90 to the right. Plane C lies at the azimuth 360 - C of the detector's frame, as in a
+                lamp's file: C90 is phi = -90 deg, and C270 is phi = 90 deg. None draws the map.
             scale: ``"linear"``, or ``"log"``: over at most six decades below the largest value. Polar diagrams are linear.
             unit: Such as ``"mW/cm2"``, ``"klx"``, ``"cd"``, or ``"fc"``, which is 10.7639 lx. By default lx or cd where these
                 are known, else W/mm^2 or W/sr, with the prefix that fits.
             wavelength: Of a spectral detector the map at this wavelength [um], or of ``"all"`` light. None draws the spectrum.
             smooth: A far field is drawn in cells of about equal solid angle. In each polar ring so many neighbours share their
                 mean as together have at least the solid angle of the largest cell. False draws each cell. Arrays stay as they are.
-            ax: Matplotlib's axes; those of a far field are polar. None makes a figure.
+            ax: Matplotlib's axes; a far field's are polar. None makes a figure.
             options: Further options of ``imshow``, ``pcolormesh``, ``stairs`` or ``plot``, such as ``cmap="magma"``.
 
         Returns:
@@ -224,7 +224,7 @@ class Result(Displayed, SimulationResult):
                     overwrite: bool = False, binary: str | None = None) -> None:
         """Write a far field in candela as the file of a lamp: IES LM-63 (.ies) or EULUMDAT (.ldt).
 
-        Intensities are those of cells of about equal solid angle. Plane C90 of the file is phi = -90 deg.
+        Intensities belong to cells of about equal solid angle. Plane C90 of the file is phi = -90 deg.
 
         Args:
             path: The file; its ending says which format.
@@ -293,7 +293,7 @@ def _in_lumens(seen: Json | None, entry: Json) -> list[str]:
     return ["", ""] if seen is None else [number(seen["flux_lm"]), error_of(seen["flux_lm_standard_error"], entry.get("rests_on"))]
 
 
-#: Gives the arrays of a detector by its name, or with None those of the recorded paths.
+#: Gives the arrays of a detector by its name, or with None the arrays of the recorded paths.
 Load = Callable[[str | None], dict[str, np.ndarray]]
 
 
@@ -340,7 +340,7 @@ def result_of(report: Json, arrays: dict[str | None, dict[str, np.ndarray]], det
 
 
 def warn_of(report: Json, missed_target: str | None, known: set[str] | None = None) -> None:
-    """Give the warnings of a trace as those of the user's line, but for those ``known``, to which they are added. Warnings
+    """Give the warnings of a trace as warnings of the user's line, but for those ``known``, to which they are added. Warnings
     that differ in their figures alone count as one, since each point of a sweep has figures of its own.
     """
     told: list[tuple[str, type[Warning]]] = [] if missed_target is None else [(missed_target, ToleranceWarning)]
@@ -355,11 +355,11 @@ def warn_of(report: Json, missed_target: str | None, known: set[str] | None = No
 
 
 def check_paths(scene: NSQScene, surface_labels: list[str]) -> None:
-    """Refuse paths that could not tell a detector from a surface, since an event knows both by name alone."""
+    """Refuse paths that could not part a detector from a surface, since an event knows both by name alone."""
     for name in scene.detector_names:
         if name in surface_labels:
             raise UnsupportedSceneError(f"a detector and a surface are both called {name!r}, so recorded paths could "
-                                        "not tell them apart; rename one, or trace without record_paths")
+                                        "not keep them apart; rename one, or trace without record_paths")
 
 
 def _check_names(report: Json, surface_labels: list[str], detector_names: list[str]) -> None:

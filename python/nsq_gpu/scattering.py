@@ -92,7 +92,7 @@ def answering(keys: Json) -> Iterator[None]:
 
 
 def is_file(scene: object) -> bool:
-    """Tell whether a scene is given by the path of its file."""
+    """Return whether a scene is given by the path of its file."""
     return isinstance(scene, str | os.PathLike)
 
 

@@ -76,7 +76,7 @@ OVERRIDE_SLOTS: dict[str, dict[str, tuple[str, ...]]] = {
 
 _STRING = r'"[^"\\]*(?:\\.[^"\\]*)*"'
 _STRING_OR_COMMENT = re.compile(rf"({_STRING})|//[^\n\r\u2028\u2029]*|/\*.*?\*/", re.DOTALL)
-# A comma that follows no value is not a trailing one: it is kept, so that JSON's parser refuses it.
+# A trailing comma follows a value. A comma that follows none is kept, so that JSON's parser refuses it.
 _STRING_OR_TRAILING_COMMA = re.compile(rf"({_STRING}|[\[{{,:]\s*,)|,(?=\s*[\]}}])", re.DOTALL)
 
 

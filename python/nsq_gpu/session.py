@@ -85,11 +85,11 @@ class Session:
     ...     result = session.trace(scene, 10_000)
 
     Args:
-        precision: As that of :class:`nsq_gpu.NsqGpuBackend`.
+        precision: As in :class:`nsq_gpu.NsqGpuBackend`.
         adapter: A part of the adapter's name.
         binary: Path of the program.
         strict: False lets the driver fuse and reorder arithmetic. The default does not, where the adapter allows: results
-            are then those of ``nsq-gpu trace --strict`` to the bit. The report's ``driver`` says ``strict`` where it holds.
+            are then the same as of ``nsq-gpu trace --strict``, to the bit. The report's ``driver`` says ``strict`` where it holds.
         live: True reads the scene's numbers from a table in every trace, False compiles them in. The default is True in
             traces of at most a million rays: longer ones are faster with numbers compiled in. With strict arithmetic no
             bit of a result depends on it.
@@ -138,10 +138,10 @@ class Session:
             seed: Seed of the draws.
             max_depth: Largest number of events of a ray.
             timeout: Longest time of the trace [s].
-            progress: As that of :class:`nsq_gpu.NsqGpuBackend`.
-            scatter_prob: As that of :class:`nsq_gpu.NsqGpuBackend`.
-            scatter_to: As that of :class:`nsq_gpu.NsqGpuBackend`.
-            color: As that of :class:`nsq_gpu.NsqGpuBackend`.
+            progress: As in :class:`nsq_gpu.NsqGpuBackend`.
+            scatter_prob: As in :class:`nsq_gpu.NsqGpuBackend`.
+            scatter_to: As in :class:`nsq_gpu.NsqGpuBackend`.
+            color: As in :class:`nsq_gpu.NsqGpuBackend`.
             options: Further options of ``nsq-gpu trace`` by their names, such as ``sampler="sobol"``,
                 ``standard_error=True``, ``record_paths=True``, ``paths=True``, ``where="reflections == 2"``,
                 ``photometric=True``.
@@ -207,9 +207,9 @@ class Session:
             seed: Seed of the draws.
             max_depth: Largest number of events of a ray.
             timeout: Longest time of the whole sweep [s].
-            progress: As that of :class:`nsq_gpu.NsqGpuBackend`, with the rays of all points.
-            scatter_prob: As that of :class:`nsq_gpu.NsqGpuBackend`.
-            scatter_to: As that of :class:`nsq_gpu.NsqGpuBackend`.
+            progress: As in :class:`nsq_gpu.NsqGpuBackend`, with the rays of all points.
+            scatter_prob: As in :class:`nsq_gpu.NsqGpuBackend`.
+            scatter_to: As in :class:`nsq_gpu.NsqGpuBackend`.
             options: Further options of ``nsq-gpu trace`` by their names.
 
         Raises:
@@ -461,7 +461,7 @@ class _Child:
             self._started.set()
 
     def is_alive(self) -> bool:
-        """Tell whether the process still answers."""
+        """Return whether the process still answers."""
         return not self._is_ended and self._reader.is_alive()
 
     def ask(self, request: Json, timeout: float | None, progress: Callable[[Json], None] | None,

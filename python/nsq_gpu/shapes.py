@@ -64,7 +64,7 @@ class Aperture:
         return inside & ((u * u + v * v > self.hole_radius * self.hole_radius) if self.hole_radius else True)
 
     def _is_within(self, x: Any, y: Any) -> Any:
-        """Tell whether an odd number of sides crosses the line from a point towards +x."""
+        """Return whether an odd number of sides crosses the line from a point towards +x."""
         inside = x != x
         for (from_x, from_y), (to_x, to_y) in zip((self.vertices[-1], *self.vertices), self.vertices, strict=False):
             if from_y != to_y:
@@ -150,7 +150,7 @@ class _Sag(ConicGeometry):
         sag, along_x, along_y = self._sag_and_gradient(place[0], place[1])
         rate = directions[:, 2] - along_x * directions[:, 0] - along_y * directions[:, 1]
         t = t - be.where(met, (place[2] - sag) / be.where(rate == 0.0, be.ones_like(rate), rate), be.zeros_like(rate))
-        # The normal is that of the place after the step: it has the derivatives of the place.
+        # The normal is the one at the place after the step: it has the derivatives of the place.
         _, along_x, along_y = self._sag_and_gradient(*(origins[:, axis] + t * directions[:, axis] for axis in range(2)))
         length = (1.0 + along_x * along_x + along_y * along_y) ** 0.5
         outward = be.stack([-along_x / length, -along_y / length, 1.0 / length], axis=1)
@@ -313,7 +313,7 @@ class Toroidal(_Sag):
     """A profile along y, turned about the line z = radius_x, x = 0.
 
     Args:
-        radius_x: Radius of rotation: that of curvature at the vertex along x [mm]; infinite for a cylinder.
+        radius_x: Radius of rotation: the radius of curvature at the vertex along x [mm]; infinite for a cylinder.
         radius_y: Radius of curvature of the profile at the vertex [mm].
         aperture_radius: Semi-diameter [mm].
         conic: Conic constant of the profile.

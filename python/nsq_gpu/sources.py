@@ -138,7 +138,7 @@ class TabulatedSource(CollimatedSource):
     """A lamp whose intensity is a table over two angles, as files of lamps have it.
 
     The polar angle gamma is 0 along the frame's +z. The azimuth is 0 towards its +x, and 90 towards its +y; plane C of a lamp's
-    file lies at the azimuth 360 - C. Intensity is linear in both angles between those of the table, and 0 outside the polar
+    file lies at the azimuth 360 - C. Intensity is linear in both angles between the table's angles, and 0 outside the polar
     ones. Rays follow it exactly, all with the same flux.
 
     Rays start at the origin; or uniformly within a rectangle, ``width`` and ``height``, or within a disk, ``radius``, at z = 0.
@@ -208,7 +208,7 @@ class TabulatedSource(CollimatedSource):
                   binary: str | os.PathLike[str] | None = None) -> TabulatedSource:
         """Return the lamp of a file of IES LM-63 (.ies) or EULUMDAT (.ldt), whose intensity is in cd.
 
-        The program reads the file: ``nsq-gpu lamp FILE --json``. ``keywords`` are then those of the file, and ``remarks`` what is
+        The program reads the file: ``nsq-gpu lamp FILE --json``. ``keywords`` are then the file's, and ``remarks`` what is
         to be said of it.
 
         Args:
@@ -333,7 +333,7 @@ class _RaySet:
 
     rays: tuple[_RayGroup, ...] | _InTurn
     spectrum: Spectrum
-    #: Flux in ``unit``, W or lm; None where the file does not say it.
+    #: Flux in ``unit``, W or lm; None if the file does not say it.
     flux: float
     unit: str | None
     #: What the header states in place of this flux; None if it states the same or nothing.
@@ -414,7 +414,7 @@ class RaySource(CollimatedSource):
 
     @property
     def total_flux(self) -> Any:
-        """Flux [W]: the one that is given, or that of the file. Who sets it takes the place of the file.
+        """Flux [W]: the one that is given, or the file's. Who sets it takes the place of the file.
 
         Raises:
             UsageError: It is no ray file; or the file alone says the flux, and says none or two.
@@ -523,7 +523,7 @@ def _check_one_flux(path: str, flux: np.ndarray) -> None:
 
 
 def _in_watts(path: str, lumens: np.ndarray, wavelength: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-    """Return the watts of rays' lumens; ``numbers`` are those of the rays in the file."""
+    """Return the watts of rays' lumens; ``numbers`` are the rays' numbers in the file."""
     efficacies = PEAK * v_lambda(wavelength)
     if (dark := np.flatnonzero(~is_visible(efficacies))).size:
         raise UsageError(f"{path}: ray {numbers[dark[0]]} has a flux in lm, and nobody sees light of its wavelength; give a file "
@@ -555,13 +555,13 @@ def _rows(shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def is_of_its_lumens(source: Any) -> bool:
-    """Tell whether a source has its flux in lumens, as ``total_flux_lumens``, and nobody has changed ``total_flux`` since."""
+    """Return whether a source has its flux in lumens, as ``total_flux_lumens``, and nobody has changed ``total_flux`` since."""
     lumens = getattr(source, "total_flux_lumens", None)
     return lumens is not None and _is_flux(source, lambda: watts(number_of(lumens), source.spectrum))
 
 
 def _is_flux(source: Any, expected: Callable[[], float]) -> bool:
-    """Tell whether a source's flux is what is expected, and no tensor that wants a gradient."""
+    """Return whether a source's flux is what is expected, and no tensor that wants a gradient."""
     if wants_gradient(source.total_flux):
         return False
     try:

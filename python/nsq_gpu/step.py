@@ -87,7 +87,7 @@ def parts(path: str | os.PathLike[str], *, scale: float = 1.0, tolerance: float 
     >>> for name, mesh in nsq_gpu.step.parts("mount.step").items():
     ...     print(name, mesh.extents, mesh.volume)
 
-    The arguments and errors are those of :func:`from_step`.
+    The arguments and errors are as in :func:`from_step`.
     """
     named: dict[str, Any] = {}
     for part in _parts(path, scale, tolerance, angular_tolerance):

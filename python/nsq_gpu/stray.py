@@ -88,9 +88,9 @@ def stray_surfaces(scene: NSQScene | str | os.PathLike[str], detector: str, *, n
         num_rays: Rays of the trace that finds what scatters. What is lit and what is seen takes at most 200,000.
         seed: Seed of the draws.
         max_depth: Largest number of events of a ray. None takes twice the surfaces that do not absorb, but at least 16.
-        precision: As that of :class:`nsq_gpu.NsqGpuBackend`.
-        scatter_prob: As that of :class:`nsq_gpu.NsqGpuBackend`.
-        scatter_to: As that of :class:`nsq_gpu.NsqGpuBackend`.
+        precision: As in :class:`nsq_gpu.NsqGpuBackend`.
+        scatter_prob: As in :class:`nsq_gpu.NsqGpuBackend`.
+        scatter_to: As in :class:`nsq_gpu.NsqGpuBackend`.
         angle_deg: Turns the source to this angle off its axis first [deg], as :func:`nsq_gpu.pst` does.
         azimuth_deg: The azimuth of the turned source [deg].
         source: The collimated source that is turned. None: a beam that overfills the scene takes the place of all sources.
@@ -98,7 +98,7 @@ def stray_surfaces(scene: NSQScene | str | os.PathLike[str], detector: str, *, n
         adapter: A part of the adapter's name.
         binary: Path of the program.
         timeout: Longest time of the call [s].
-        progress: As that of :class:`nsq_gpu.NsqGpuBackend`. The program says nothing until it is done.
+        progress: As in :class:`nsq_gpu.NsqGpuBackend`. The program says nothing until it is done.
         options: Further options of ``nsq-gpu surfaces`` by their names, such as ``sampler="sobol"``.
 
     Raises:

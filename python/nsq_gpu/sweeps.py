@@ -26,7 +26,7 @@ Json = dict[str, Any]
 #: Numbers by their names, and what is added to the seed.
 Point = tuple[dict[str, float], int]
 
-#: Fluxes of a report beside those of detectors, by the names that a sweep has for them.
+#: Fluxes of a report beside the detectors', by the names that a sweep has for them.
 TOTALS = {"absorbed": "total_flux_absorbed", "bulk absorbed": "total_flux_bulk_absorbed",
           "escaped": "total_flux_escaped", "lost": "total_flux_lost"}
 #: Most points that a warning names because they cannot be traced.
@@ -50,7 +50,7 @@ class Sweep(Displayed):
     maps: dict[str, np.ndarray] = field(default_factory=dict)
     #: Rays of each point.
     num_rays: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    #: The table of paths of each point, of dtype object; None where they were not asked for (``paths=True``).
+    #: The table of paths of each point, of dtype object; None if they were not asked for (``paths=True``).
     paths: np.ndarray | None = None
     #: Why a point could not be traced, by its place in the arrays. Its fluxes are NaN.
     refused: dict[tuple[int, ...], str] = field(default_factory=dict)
@@ -122,7 +122,7 @@ class Sweep(Displayed):
                 found = self.standard_error.get(name)
                 return None if found is None or np.isnan(found[place]) else float(found[place])
 
-            # JSON has no number that is not finite.
+            # JSON has finite numbers alone.
             numbers = {name: value if math.isfinite(value) else str(value) for name, value in numbers.items()}
             if place in self.refused:
                 return {"index": index, "set": numbers, "error": self.refused[place]}
@@ -142,7 +142,7 @@ class Sweep(Displayed):
         placing.write(path, json.dumps(document, indent=2, allow_nan=False) + "\n", overwrite)
 
     def _is_known(self, place: tuple[int, ...]) -> bool:
-        """Tell whether a stop came after a point."""
+        """Return whether a stop came after a point."""
         return bool(self.num_rays[place]) or place in self.refused
 
     def _num_known(self) -> int:
@@ -249,7 +249,7 @@ def run(trace_all: Callable[[list[Point]], Iterable[Any]], numbers: Mapping[str,
             if not isinstance(answer, NsqGpuError):
                 found = _with(found, place, answer, keep_maps)
                 continue
-            # What is wrong with the first point's names or options is wrong with those of all points.
+            # What is wrong with the first point's names or options is wrong with all points'.
             if index == 0 and isinstance(answer, UsageError):
                 raise answer
             problem = str(answer).removeprefix("nsq-gpu: ")

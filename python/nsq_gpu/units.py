@@ -15,7 +15,7 @@ _OTHERS = {"rx": "rad", "ry": "rad", "rz": "rad", "wavelengths": "um", "wl_min":
 
 
 def unit_of(name: str) -> str | None:
-    """Return the unit of a number by its name, such as mm of ``L1.r1``; None where it has none that is known."""
+    """Return the unit of a number by its name, such as mm of ``L1.r1``; None if it has none that is known."""
     key = name.rpartition(".")[2]
     if key in _OTHERS:
         return _OTHERS[key]

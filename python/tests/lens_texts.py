@@ -491,7 +491,7 @@ CODEV = [
     Example("S", seq(first="S 50.0 5.0 NBK7_SCHOTT REFR 3.0"), refused="values, but takes"),
     Example("PRV", seq(["PRV\n PWL 486 587.5618 656\n 'G1' 1.53 1.52 1.51\nEND\nPRV\n PWL 587 900 1000\n 'G2' 1.6 1.5 1.4\nEND"], first="S 50.0 5.0 'G1'"),
             lambda r: near(r.index(), 1.52)),
-    Example("PWL", seq(["PRV\n PWL 900 1000\n 'G1' 1.53 1.52\nEND"], first="S 50.0 5.0 'G1'"), refused="do not cover those of the lens"),
+    Example("PWL", seq(["PRV\n PWL 900 1000\n 'G1' 1.53 1.52\nEND"], first="S 50.0 5.0 'G1'"), refused="do not cover the lens's"),
     *(Example(name, seq([f"{name} 0.1 0.2 0.3"]), refused="3 numbers for 2 fields") for name in ("VUY", "WTF")),
     Example("XAN", seq(["XAN 1 2 3"]), refused="numbers for 3 fields"),
     Example("WTW", seq(["WTW 1"], without="WL"), refused="states no wavelength"),

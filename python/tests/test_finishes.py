@@ -184,7 +184,7 @@ def test_a_ground_surface_mirrors_what_its_roughness_leaves() -> None:
     (lambda: polished(0.001, 0.55), nsq_gpu.UsageError, "give a mirror's reflectance.*or a lens's delta_n"),
     (lambda: ground(0.5, 0.55, 0.9, delta_n=0.5), nsq_gpu.UsageError, "one of the two"),
     (lambda: polished(0.001, 0.55, 1.5), ValueError, r"reflectance is 1\.5; give a number from 0 to 1"),
-    (lambda: dusty(300, 0.55, None), nsq_gpu.UsageError, "reflectance is None; give that of the clean mirror"),
+    (lambda: dusty(300, 0.55, None), nsq_gpu.UsageError, "reflectance is None; give the clean mirror's"),
     (lambda: dusty(5000, 0.55, 0.9), ValueError, r"level is 5000\.0; give a number from 5 to 1000"),
     (lambda: dusty(300, 10.6, 0.9), ValueError, r"wavelength_um is 10\.6; give a number from 0\.36 to 2"),
 ])

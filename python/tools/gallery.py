@@ -7,7 +7,7 @@ The notebooks are in the source archive of Optiland::
     python tools/gallery.py optiland-0.6.3/docs/gallery/nonsequential
 
 Each notebook runs in a process of its own, its cells one after the other; a line that is no Python, such as
-``%matplotlib``, is left out. The time is that of all calls of ``scene.trace`` that name no backend.
+``%matplotlib``, is left out. The time is the sum over all calls of ``scene.trace`` that name no backend.
 """
 
 from __future__ import annotations

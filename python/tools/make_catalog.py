@@ -7,7 +7,7 @@
 
 Every name is resolved here, once, by the package itself, because its search (substring, edit distance, a sort that
 keeps no order between equals) is not worth repeating elsewhere. Two runs with the same package, Python and zlib give
-the same bytes. The data is that of refractiveindex.info (CC0), as Optiland ships it.
+the same bytes. The data is refractiveindex.info's (CC0), as Optiland ships it.
 
 Which entries are packed: every glass; every other entry without a table of more than MAX_ROWS rows; and, up to
 MAX_DEFAULT_ROWS rows, those on the shelf of common crystals, metals, plastics and liquids and those that a category

@@ -12,7 +12,7 @@ held. Torch attaches the following.
 
 - The distance to a conic: through the roots of the quadratic. Normals, refraction and reflection: everywhere.
 - A branch at a Fresnel surface: its weight is R / p or T / (1 - p) of the detached probability p, which is R unless the
-  scene gives one. So is that of a scattering branch: f / f or (1 - f) / (1 - f) of the scatter fraction f, the
+  scene gives one. So is the weight of a scattering branch: f / f or (1 - f) / (1 - f) of the scatter fraction f, the
   denominators detached. A ray that scatters off a refractive surface has both weights.
 - Roulette: a survivor's flux, times a detached factor.
 - Absorption in media: k, and the length of the way.

@@ -1,7 +1,7 @@
 """Writes ``tests/oracle/<scene>.json``: ``python -m tools.make_oracle [SCENE.json ...]`` from the folder ``python``.
 
 A file holds every count and total of one trace in full, small maps whole, and of large maps the sums along each axis
-and some single bins. It also tells whether the oracle agrees with itself when its sources move by rounding errors;
+and some single bins. It also says whether the oracle agrees with itself when its sources move by rounding errors;
 where it does not, paths are decided by rounding. There, and where rays are split (``"chaotic": true``), means over
 independent runs are added for a statistical comparison.
 """
@@ -65,7 +65,7 @@ def digest(scene: Path) -> Json:
 
 
 def splits(document: Json) -> bool:
-    """Tell whether the scene splits rays."""
+    """Return whether the scene splits rays."""
     return document.get("nsq_gpu", {}).get("sampling", {}).get("split_depth", 0) > 0
 
 

@@ -31,7 +31,7 @@ NUMBERS = ("x", "y", "z", "L", "M", "N", "flux", "wavelength")
 def events(scene: Path) -> list[Json]:
     """Return the events of a scene's recorded paths.
 
-    Optiland logs the names of its sources and detectors, but a scene's registry does not tell them theirs.
+    Optiland logs the names of its sources and detectors, but a scene's registry does not give them theirs.
     """
     live = oracle.load_scene(scene)
     for name, item in (*zip(live.source_names, live.sources, strict=True),

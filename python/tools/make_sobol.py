@@ -1,6 +1,6 @@
 """Writes shaders/random/sobol_matrices.wgsl: the direction numbers of the third to the fifth Sobol dimension.
 
-The parameters are those of Joe and Kuo (new-joe-kuo-6): degree s, coefficients a and initial numbers m.
+The parameters are by Joe and Kuo (new-joe-kuo-6): degree s, coefficients a and initial numbers m.
 """
 
 from pathlib import Path

@@ -69,7 +69,7 @@ class Reading:
     name: str
     source: Json
     exact: Callable[[Numbers], mpf | None] | None = None
-    #: Errors that the arithmetic makes on top of those of the scene's numbers, in roundings of this size.
+    #: Errors that the arithmetic makes on top of the scene's numbers' own, in roundings of this size.
     size: mpf = mpf(1)
     expected: mpf = mpf(0)
     sigma: mpf | None = None
@@ -377,7 +377,7 @@ def far_away() -> Iterator[Case]:
                       sigma=sqrt((square - mean**2) / rays) + mpf(2) ** -24)
         yield Case(f"lens at 1e{power} mm, turned", "far from the origin", document, [far], num_rays=rays)
 
-        # A single ray, whose direction tells more than the flux.
+        # A single ray, whose direction says more than the flux.
         lone = scene([pencil({**frame(x=3.0, z=-25.0), "reference_cs": base})], faces,
                      [database("screen", place(150.0), 50.0)], {"glass": (1.5, 0.0)}, reflect_prob=0.0)
 
@@ -476,7 +476,7 @@ def aperture_edges() -> Iterator[Case]:
         for where, height in (("on the rim", radius), ("one double beyond it", float(np.nextafter(radius, 2.0)))):
             stop = surface("stop", shape, frame(), "absorbing")
             document = scene([pencil(frame(x=height, z=-1.0))], [stop], [pixels("behind", frame(z=10.0), 10.0)])
-            # f32 cannot tell the two apart.
+            # In f32 the two are the same.
             numbers = {"height": Number(mpf(height))} if height > radius else {}
 
             def passes(n: Numbers, height: float = height) -> mpf:
@@ -734,7 +734,7 @@ def interval(case: Case, reading: Reading, tier: str) -> tuple[list[float], bool
         size = abs(number.value) if number.size is None else number.size
         step = ROUNDINGS * case.events * (EPSILON[tier] * size + EPSILON["f64"] * number.written)
         changed = [number.value + share * step for share in (-1, -0.5, -0.1, 0.1, 0.5, 1)]
-        # The number as f32 holds it; of indices that f32 cannot tell apart, neither moves without the other.
+        # The number as f32 holds it; of indices that are the same in f32, both move together.
         held = {other: _in_tier(value, tier) for other, value in values.items()}
         found = [reading.exact({**values, name: value}) for value in changed] + [reading.exact(held)]
         nothing |= any(value is None for value in found)

@@ -1,7 +1,7 @@
 """Converts prescriptions, traces them here and by Optiland's sequential engine, and writes the table of how they compare.
 
     python -m tools.prescriptions                  # Optiland's samples
-    python -m tools.prescriptions FOLDER_OR_FILE.. # and files of lenses, such as those of Optiland's own tests
+    python -m tools.prescriptions FOLDER_OR_FILE.. # and files of lenses, such as the ones of Optiland's own tests
     python -m tools.prescriptions --page ../docs/how-to/lenses.md optiland-0.6.3/tests/zemax_files optiland-0.6.3/tests/test_fileio
     python -m tools.prescriptions --rayoptics peer/bin/python FILE.. # beside rayoptics, which reads files by a reader of its own
 
@@ -170,7 +170,7 @@ def sequential(optic: Any, births: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
 
 
 def beside_rayoptics(row: Row, path: Path, optic: Any, unit: float, python: str) -> None:
-    """Fill in how far rays of the optic are from those of rayoptics, which reads the same file."""
+    """Fill in how far rays of the optic are from the rays of rayoptics, which reads the same file."""
     pupil = np.array([[0.0, 0.0], [0.7, 0.0], [0.0, 0.9], [-0.5, -0.5], [0.0, -0.9]])
     wavelength = float(optic.primary_wavelength)
     rays, places = [], []

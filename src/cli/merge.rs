@@ -196,7 +196,7 @@ fn on_the_bits(ir: &SceneIr, parts: &[Checkpoint], rays: &RaySet) -> String {
         reasons.push("there are gaps between the parts' rays".to_string());
     }
     match reasons.as_slice() {
-        [] => "merged: the sums are those of one run, bit for bit".into(),
+        [] => "merged: the sums are one run's, bit for bit".into(),
         reasons => format!("merged: not the bits of one run: {}", reasons.join("; ")),
     }
 }

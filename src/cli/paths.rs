@@ -43,7 +43,7 @@ pub struct Args {
     /// Also list light that came to no detector: absorbed, missed, and ended by the depth limit or by roulette.
     #[arg(long, conflicts_with = "detector")]
     ends: bool,
-    /// So many rows, those of most flux, have a map and with it a peak irradiance.
+    /// So many rows, the ones of most flux, have a map and with it a peak irradiance.
     #[arg(long, value_parser = count::parse, default_value = "50", value_name = "N")]
     maps: u64,
     /// Say what another coating would do, without another trace: the rows with R and T of this face in the place of its own.

@@ -38,9 +38,9 @@ pub(crate) struct TraceArgs {
     /// a scene of several sources.
     #[arg(long, value_parser = count::parse, value_name = "N")]
     pub(crate) of_rays: Option<u64>,
-    /// Stop when every detector's relative error is at most X: 1%, 0.01. Both the error of its flux and that of its map
-    /// count. The latter is the sum of the pixels' standard errors over the sum of their values. Exit code 6 if the
-    /// rays or the time end before.
+    /// Stop when every detector's relative error is at most X: 1%, 0.01. Both the error of its flux and the error of
+    /// its map count. The latter is the sum of the pixels' standard errors over the sum of their values. Exit code 6 if
+    /// the rays or the time end before.
     #[arg(long, value_name = "X", value_parser = quantity::parse_fraction)]
     pub(crate) target_error: Option<f64>,
     /// Stop after this time: 30s, 5m, 1.5h.
@@ -54,7 +54,7 @@ pub(crate) struct TraceArgs {
     #[arg(long, default_value_t = 0)]
     pub(crate) seed: u64,
     /// Largest number of events (surfaces and detectors) of a ray. By default twice the number of surfaces that do not
-    /// absorb, but at least 16, Optiland's default; with --resume, that of the file.
+    /// absorb, but at least 16, Optiland's default; with --resume, the file's number.
     #[arg(long, value_name = "N")]
     pub(crate) max_depth: Option<u32>,
     /// Russian roulette starts below this fraction of a new ray's flux, or the scene's rr_start_flux if that is larger.
@@ -76,8 +76,8 @@ pub(crate) struct TraceArgs {
     /// Sum up light by its path: which surfaces reflected it, let it pass or scattered it, from its source to a detector.
     #[arg(long, value_enum, default_value_t = PathsArg::Off, value_name = "WHEN")]
     pub(crate) paths: PathsArg,
-    /// Most rows of the table of paths. Where there are more paths, those of most flux among the first 2^20 rays have a
-    /// row, and all other light is summed up by its detector.
+    /// Most rows of the table of paths. Where there are more paths, the ones of most flux among the first 2^20 rays
+    /// have a row, and all other light is summed up by its detector.
     #[arg(long, value_parser = count::parse, default_value = "262144", value_name = "N")]
     pub(crate) path_rows: u64,
     /// Keep only the light whose path matches, on maps, spectra, ray databases and in detected flux:

@@ -32,7 +32,7 @@ pub struct Args {
     /// Seed of every random draw.
     #[arg(long)]
     seed: Option<u64>,
-    /// Largest number of events (surfaces and detectors) of a ray; by default that of `nsq-gpu trace`.
+    /// Largest number of events (surfaces and detectors) of a ray; by default as in `nsq-gpu trace`.
     #[arg(long, value_name = "N")]
     max_depth: Option<u32>,
     /// Keep only the light whose path matches, as in `nsq-gpu trace`: "reflections == 2 and not scattered(mount)".

@@ -172,7 +172,7 @@ impl Tally {
         }
         match counts.0 <= MOST_COUNTS && quanta.0 <= MOST_QUANTA && squares.0 <= MOST_QUANTA {
             true => Ok(()),
-            false => refuse("holds sums that are larger than those of any trace"),
+            false => refuse("holds sums that are larger than any trace's"),
         }
     }
 }

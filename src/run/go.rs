@@ -343,8 +343,8 @@ impl<'a> Run<'a> {
         if !identity.same_device(&resumed.identity) {
             let (file, Identity { adapter, driver, .. }) = (file.display(), &resumed.identity);
             (self.say)(&format!(
-                "{file} comes from another adapter or driver, {adapter} ({driver}): the bits may differ from those of an \
-                 unbroken trace"
+                "{file} comes from another adapter or driver, {adapter} ({driver}): the bits may differ from an \
+                 unbroken trace's"
             ));
         }
         Ok((resumed.tally, resumed.proof))

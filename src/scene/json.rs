@@ -76,7 +76,7 @@ pub struct Lens {
     pub material: Material,
     /// Semi-diameter of the front face \[mm\].
     pub front_aperture_radius: f64,
-    /// Semi-diameter of the back face \[mm\]; that of the front face if null.
+    /// Semi-diameter of the back face \[mm\]; the front face's if null.
     #[serde(default)]
     pub back_aperture_radius: Option<f64>,
     /// Conic constant of the front face.

@@ -13,10 +13,13 @@ of such names: "`a`, `b` and `c`". A number with its unit is two words. A colon 
 negation is two words such as "no", "not" or "without", with at most three words between. A comma, an "and" or an "or"
 parts them, and "None if" is free.
 
-Left out are comments above `#[arg(` or `#[command(`: they are texts of `--help`, which are contracts.
+In *texts of the program*, phrases alone are looked for: their lengths are free. These are the strings of src/, comments
+above `#[arg(` or `#[command(`, which are texts of `--help`, and all strings and comments of python/nsq_gpu. Docstrings are
+strings.
 """
 
 import argparse
+import ast
 import re
 import sys
 from collections import Counter
@@ -40,12 +43,13 @@ PHRASES = {
     "none where": r"\bnone where\b",
     "negations": rf"\b{FIRST_NEGATION}(?:\s+(?!(?:and|or|nor|but)\b)[\w'`-]+){{0,3}}\s+{NEXT_NEGATION}\b",
 }
+# What a text has in which a phrase can be, whatever marks stand between the words: all else need not be read closely.
+LIKELY = re.compile(rf"\btell|\btold|\b(?:that|those)\W+of|\bnone\W+where|\b{FIRST_NEGATION}\b.*\b{NEXT_NEGATION}\b", re.I | re.S)
 
 # (end of the path, words of the sentence): the reason why it stays.
 SCHEMA = "text of `nsq-gpu schema`, a contract"
 EXCEPTIONS = {
     ("CONTRIBUTING.md", "lone, told, taken for granted"): "names the word that is banned",
-    ("scene/json.rs", "that of the front face if null"): SCHEMA,
     ("scene/json.rs", "in the order in which they are tried"): SCHEMA,
     ("scene/json.rs", "stands behind the element and before the next one"): SCHEMA,
     ("scene/json.rs", "Most rays that come of one launched ray"): SCHEMA,
@@ -162,8 +166,49 @@ def comments(text):
         else:
             blocks.append(lines)
         last = (mark, number) if alone else None
-    source = text.splitlines()
-    return [block for block in blocks if not is_help(source, block[-1][0])]
+    return blocks
+
+
+def rust_strings(text):
+    """(number of its first line, text) of each string of Rust."""
+    for found in TOKEN.finditer(text):
+        string = re.fullmatch(r'b?(r?)#*"(.*)"#*', found.group(), re.S)
+        if string:
+            body = string.group(2)
+            if not string.group(1):
+                # A backslash at the end of a line joins it to the next one.
+                body = re.sub(r"\\\n\s*", "", body)
+                body = re.sub(r"\\(.)", lambda escape: "\n" if escape.group(1) == "n" else escape.group(1), body)
+            # What a format shows is CODE.
+            yield text.count("\n", 0, found.start()) + 1, re.sub(r"\{[\w.]*(?::[^{}\n]*)?\}", "CODE", body)
+
+
+def python_texts(text):
+    """(number of its first line, text) of each string and each block of comments of Python. What f-strings show is CODE."""
+    # Lines within strings are no comments.
+    inside = set()
+    nodes = [ast.parse(text)]
+    while nodes:
+        node = nodes.pop()
+        parts = node.values if isinstance(node, ast.JoinedStr) else [node]
+        texts = [part.value if isinstance(part, ast.Constant) else "CODE" for part in parts]
+        if isinstance(node, (ast.JoinedStr, ast.Constant)) and all(isinstance(part, str) for part in texts):
+            inside.update(range(node.lineno + 1, node.end_lineno + 1))
+            yield node.lineno, "".join(texts)
+        # A string within braces of an f-string is a string of its own.
+        nodes += (child for child in ast.iter_child_nodes(node)
+                  if not (isinstance(node, ast.JoinedStr) and isinstance(child, ast.Constant)))
+    start, held = None, []
+    for number, line in enumerate(text.splitlines() + [""], 1):
+        alone = re.match(r"\s*#:?\s*(.*)", line) if number not in inside else None
+        if not alone and held:
+            yield start, " ".join(held)
+            held = []
+        if alone:
+            start = start if held else number
+            held.append(alone.group(1))
+        elif number not in inside and (after := re.search(r"\s{2}#:? (.*)", line)):
+            yield number, after.group(1)
 
 
 def is_help(source, last):
@@ -174,24 +219,38 @@ def is_help(source, last):
 
 def findings(path, text):
     """(line, kind, sentence) of what is wrong in a file."""
-    blocks = []
-    if path.endswith(".md"):
-        blocks.append(without_front_matter(text))
-    else:
-        blocks += comments(text)
+    for counted, number, paragraph in texts(path, text):
+        if not counted and not path.endswith(".md") and not LIKELY.search(paragraph):
+            continue
+        for sentence in sentences(paragraph):
+            if any(path.endswith(end) and words in sentence for end, words in EXCEPTIONS):
+                continue
+            # The line is the paragraph's: a sentence may begin anywhere in a line.
+            words = num_words(sentence)
+            if counted and words > MOST_WORDS:
+                yield number, "long", f"({words} words) {sentence}"
+            for kind, pattern in PHRASES.items():
+                # Python's None is a value, such as "None for no limit".
+                searched = re.sub(r"\bNone\b", "CODE", sentence) if kind == "negations" and path.endswith(".py") else sentence
+                if re.search(pattern, searched, re.I):
+                    yield number, kind, sentence
+
+
+def texts(path, text):
+    """(whether words are counted, number of the first line, text) of each text of a file that is read."""
+    if path.endswith(".py"):
+        for number, string in sorted(python_texts(text)):
+            yield from ((False, number, part) for part in re.split(r"\n\s*\n", string))
+        return
+    blocks = [without_front_matter(text)] if path.endswith(".md") else comments(text)
+    source = text.splitlines()
     for lines in blocks:
-        texts = [(True, *found) for found in paragraphs(lines)] + [(False, *found) for found in cells(lines)]
-        for counted, number, paragraph in texts:
-            for sentence in sentences(paragraph):
-                if any(path.endswith(end) and words in sentence for end, words in EXCEPTIONS):
-                    continue
-                # The line is the paragraph's: a sentence may begin anywhere in a line.
-                words = num_words(sentence)
-                if counted and words > MOST_WORDS:
-                    yield number, "long", f"({words} words) {sentence}"
-                for kind, pattern in PHRASES.items():
-                    if re.search(pattern, sentence, re.I):
-                        yield number, kind, sentence
+        counted = path.endswith(".md") or not is_help(source, lines[-1][0])
+        yield from ((counted, *found) for found in paragraphs(lines))
+        yield from ((False, *found) for found in cells(lines))
+    if path.endswith(".rs"):
+        for number, string in rust_strings(text):
+            yield from ((False, number, part) for part in string.split("\n"))
 
 
 def files():
@@ -199,6 +258,7 @@ def files():
     for pattern in DOCUMENTS:
         found |= set(ROOT.glob(pattern))
     found |= set((ROOT / "src").rglob("*.rs")) | set((ROOT / "shaders").rglob("*.wgsl"))
+    found |= set((ROOT / "python/nsq_gpu").rglob("*.py"))
     for path in sorted(found):
         name = path.relative_to(ROOT).as_posix()
         if not any(part in f"{name}/" for part in NO_DOCUMENTS) and not name.startswith("."):
@@ -227,15 +287,33 @@ PLANTED = [
     ("a.rs", f"//! {LONG}\n//! six.\n", ["long"]),
     ("a.rs", f"//! Short.\n\n/// {LONG} six.\nfn a() {{}}\n", ["long"]),
     ("a.rs", "/// The share, and that\n/// of the rest.\nfn a() {}\n", ["that of"]),
-    ("a.rs", 'let a = "// told"; // The result; none where it failed.\n', ["none where"]),
+    ("a.rs", f'let a = "// {LONG} six"; // The result; none where it failed.\n', ["none where"]),
     ("a.rs", "let a = '\"'; // It is told.\nlet b = 'c';\n", ["tell"]),
-    ("a.rs", 'let a = r#"told " // told"#; /* It is not without use. */\n', ["negations"]),
+    ("a.rs", f'let a = r#"b " // {LONG} six"#; /* It is not without use. */\n', ["negations"]),
     ("a.rs", "// It is not here, nor there. No, it has no use.\n", []),
     ("a.rs", "/// None if there is no file.\nfn a() {}\n", []),
-    ("a.rs", "/// The text that is told.\n#[arg(long)]\na: u32,\n", []),
+    ("a.rs", "/// The text that is told.\n#[arg(long)]\na: u32,\n", ["tell"]),
+    ("a.rs", f"/// {LONG} six.\n#[command(name = \"a\")]\nenum A {{}}\n", []),
+    ("a.rs", f'let a = "{LONG} six";\n', []),
+    ("a.rs", 'let told = name.told("a"); let a = \'"\'; let b = \'"\';\n', []),
+    ("a.rs", 'refuse("its error is above that of the map");\n', ["that of"]),
+    ("a.rs", 'format!("its error is above that \\\n         of the map: {told}");\n', ["that of"]),
+    ("a.rs", 'say(r#"the "map" tells"#);\n', ["tell"]),
+    ("a.rs", 'say("one\\nno map without\\ntold");\n', ["negations", "tell"]),
+    ("a.rs", 'say("see `told`; no map; none if it is dark");\n', []),
     ("a.rs", "/// The text that is told.\n#[inline]\nfn a() {}\n", ["tell"]),
     ("a.wgsl", f"// {LONG} six.\nfn a() {{}}\n", ["long"]),
     ("a.wgsl", f"fn a() {{}}\n// {LONG} six; those of the rest.\n", ["long", "that of"]),
+    ("a.py", f'"""{LONG} six."""\n#: {LONG} six.\na = told.that  # {LONG} six.\n', []),
+    ("a.py", 'def tell(told):\n    """Return what is told."""\n', ["tell"]),
+    ("a.py", 'def a():\n    """Return it.\n\n    Args:\n        b: Those\n            of c.\n    """\n', ["that of"]),
+    ("a.py", 'raise Error("its error is above that "\n            "of the map")\n', ["that of"]),
+    ("a.py", 'raise Error(f"{told} is no map {told:{told}} without {that} of")\n', ["negations"]),
+    ("a.py", "a = f\"{b('that of c')} # told\"  # d\n", ["tell", "that of"]),
+    ("a.py", "a = 1  # the one that is told\n#: As that\n#: of b.\n", ["tell", "that of"]),
+    ("a.py", 'a = """b\n# told in a text\n"""\n', ["tell"]),
+    ("a.py", "#: Limit; None for no limit. None is not known.\na = None\n", []),
+    ("a.py", '#: Limit; None where it is free.\na = "told" if 0 else None\n', ["none where", "tell"]),
 ]
 
 

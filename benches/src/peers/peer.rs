@@ -34,6 +34,6 @@ pub struct PeerRun {
     pub num_rays: u64,
     /// Time that the rays took \[s\].
     pub seconds: f64,
-    /// Rays that ended on detectors, if the peer reports them. Their share must be that of this program.
+    /// Rays that ended on detectors, if the peer reports them. Their share must be this program's.
     pub detected: Option<u64>,
 }

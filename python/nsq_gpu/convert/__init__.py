@@ -49,7 +49,7 @@ def from_optic(optic: Any, *, detector_pixels: tuple[int, int] = (256, 256),
         detector_size: Width and height of the image [mm]. None takes the image circle or the last element's width, whichever is
             larger; the report says which.
         edges: What the edges of lenses do: ``"absorbing"``, ``"polished"``, or a BSDF.
-        margin: Radius of a face over that of its rays, where no aperture is stated.
+        margin: Radius of a face over the radius of its rays, where no aperture is stated.
 
     Returns:
         The scene; ``scene.conversion_report`` is a :class:`LensReport`. ``scene.elements`` lists lenses and mirrors, which move
@@ -121,7 +121,7 @@ def from_file(path: str | os.PathLike[str], *, unknown: str = "refuse", glasses:
             which leaves the card out, and takes the nd and Vd that the file states.
         glasses: Materials of Optiland for names of glasses: ``{"MYGLASS": IdealMaterial(1.5)}``.
         coatings: Coatings of Optiland for names of coatings (COAT, in files of Zemax).
-        options: Those of :func:`from_optic`, which says what else is raised.
+        options: Options of :func:`from_optic`, which says what else is raised.
 
     Raises:
         UsageError: The file's name ends otherwise, the file cannot be read, or a card makes no sense.

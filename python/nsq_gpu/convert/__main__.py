@@ -24,7 +24,7 @@ def _size(text: str) -> tuple[float, float]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Convert a file; return the exit code, that of ``nsq-gpu`` for what went wrong."""
+    """Convert a file; return the exit code, which is the one of ``nsq-gpu`` for what went wrong."""
     parser = argparse.ArgumentParser(
         prog="python -m nsq_gpu.convert",
         description="Writes a lens as a scene that nsq-gpu traces, and prints what was carried and what was estimated.",
@@ -36,7 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                         help="width and height of the detector [mm], such as 24,36 [as wide as the image circle or the last "
                              "element]")
     parser.add_argument("--edges", choices=["absorbing", "polished"], default="absorbing", help="what edges of lenses do")
-    parser.add_argument("--margin", type=float, default=1.03, help="radius of faces over that of their rays [1.03]")
+    parser.add_argument("--margin", type=float, default=1.03, help="radius of faces over the radius of their rays [1.03]")
     parser.add_argument("--unknown", choices=["refuse", "remark"], default="refuse",
                         help="what becomes of an unknown card of a surface: remark leaves it out, and says so [refuse]")
     parser.add_argument("--overwrite", action="store_true", help="let -o replace a file that exists; never the lens itself")

@@ -23,7 +23,7 @@ _END = 1e-6
 
 def add_detector(scene: NSQScene, optic: Any, faces: list[Face], rays: Rays, last: Element | None,
                  pixels: tuple[int, int], size: tuple[float, float] | None, report: LensReport) -> None:
-    """Add the detector on the image, and tell the report how large it is.
+    """Add the detector on the image, and say in the report how large it is.
 
     Ghosts of a lens are as wide as its last element, so the detector is as wide as that or as the image circle.
     """
@@ -55,7 +55,7 @@ def add_detector(scene: NSQScene, optic: Any, faces: list[Face], rays: Rays, las
 
 def _is_clear(faces: list[Face], rays: Rays, position: np.ndarray, rotation: np.ndarray, least: float,
               width: float) -> bool:
-    """Tell whether a detector of this width takes no light on its way that a detector of the least width leaves."""
+    """Return whether a detector of this width takes no light on its way that a detector of the least width leaves."""
     local = (rays.places[:, rays.arrive] - position) @ rotation
     directions = rays.directions[:, rays.arrive] @ rotation
     pairs = list(acting(faces, len(local) - 1))

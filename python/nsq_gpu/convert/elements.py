@@ -68,7 +68,7 @@ class Element:
 
 def build(scene: NSQScene, faces: list[Face], rays: Rays, edges: str | BaseBSDF, margin: float,
           report: LensReport) -> tuple[list[dict[str, Any]], Element | None]:
-    """Add all surfaces of a lens to a scene, and tell the report.
+    """Add all surfaces of a lens to a scene and to the report.
 
     Returns:
         What moves as one, as scene files list it, and the element that light meets last.
@@ -146,7 +146,7 @@ def _moving(parts: list[Part], stops: dict[str, int], names: list[str]) -> list[
 
 
 def _last(parts: list[Part], elements: list[list[Gap]]) -> Element | None:
-    """Return the element that light meets last; None where there is none."""
+    """Return the element that light meets last; None if there is none."""
     if not parts:
         return None
     last = max(parts, key=lambda part: max(part.indices))
@@ -231,7 +231,7 @@ def _numbers(coating: Any) -> tuple[Any, ...] | None:
 
 
 def _is_same(one: Face, other: Face) -> bool:
-    """Tell whether two surfaces of the prescription are one that light meets twice."""
+    """Return whether two surfaces of the prescription are one that light meets twice."""
     turned = one.rotation.T @ other.rotation
     same_place = np.abs(one.position - other.position).max() <= _SAME
     are_conics = one.form.is_conic and other.form.is_conic
@@ -242,7 +242,7 @@ def _is_same(one: Face, other: Face) -> bool:
 
 
 def _along(first: Part, second: Part) -> float | None:
-    """Return where the second vertex lies on the axis of the first [mm]; None where they have no common axis."""
+    """Return where the second vertex lies on the axis of the first [mm]; None if they have no common axis."""
     turned = first.face.rotation.T @ second.face.rotation
     x, y, z = first.face.rotation.T @ (second.face.position - first.face.position)
     has_axis = abs(turned[2, 2] - 1.0) < 1e-12 and max(abs(x), abs(y)) <= _SAME * (1.0 + abs(z))
@@ -345,7 +345,7 @@ def _component(part: Part, report: LensReport) -> BaseComponent:
 
 
 def _add_edges(scene: NSQScene, gaps: list[Gap], rays: Rays, edges: str | BaseBSDF, outer: float, report: LensReport) -> bool:
-    """Close the glass of a lens from rim to rim, and mount it, so that no light slips past; tell whether it is mounted."""
+    """Close the glass of a lens from rim to rim, and mount it, so that no light slips past; return whether it is mounted."""
     lens = gaps[0].first.name.split(".")[0]
     widest: tuple[float, Gap, float] | None = None
     for number, gap in enumerate(gaps, start=1):

@@ -35,7 +35,7 @@ _Field = tuple[float, float, Any]
 def add_sources(scene: NSQScene, optic: Any, medium: NSQMaterial | None, report: LensReport) -> None:
     """Add a source a field, ``source_0`` and on, with the weights of fields and wavelengths.
 
-    With paraxial aiming the source's rays are those of the sequential engine. Where rays are aimed at the stop itself, the
+    With paraxial aiming the source's rays are the sequential engine's. Where rays are aimed at the stop itself, the
     source has a polynomial of the pupil for each wavelength, and the report says how near that is.
 
     Raises:
@@ -140,7 +140,7 @@ def _miss(optic: Any, field: _Field, source: PupilSource, middle: np.ndarray, pu
 
 
 def _aim(optic: Any, field: _Field, source: PupilSource, middle: np.ndarray, wavelength: float) -> Aim:
-    """Return what rays of a wavelength add to those of the plain source."""
+    """Return what rays of a wavelength add to the plain source's rays."""
     pupil = _in_pupil(_RINGS, _TURNS, 0.13)
     starts, directions = _rays(optic, field, pupil, wavelength)
     plain_starts, plain_directions = source.local_rays(pupil, np.full(len(pupil), np.nan))

@@ -36,12 +36,12 @@ class Form:
 
     @property
     def is_conic(self) -> bool:
-        """Tell whether it is a conic of revolution or a plane."""
+        """Return whether it is a conic of revolution or a plane."""
         return self.kind is shapes.EvenAsphere and not dict(self.numbers)["coefficients"]
 
     @property
     def is_round(self) -> bool:
-        """Tell whether it is the same in every direction from the axis."""
+        """Return whether it is the same in every direction from the axis."""
         return self.kind in (shapes.EvenAsphere, shapes.OddAsphere)
 
     @property
@@ -56,7 +56,7 @@ class Form:
 
     @property
     def is_flat(self) -> bool:
-        """Tell whether it is a plane."""
+        """Return whether it is a plane."""
         return self.is_conic and math.isinf(self.radius)
 
     def shape(self, aperture_radius: float, **changes: Any) -> Any:

@@ -38,7 +38,7 @@ def tell(scene: NSQScene, faces: list[Face], rays: Rays, report: LensReport) -> 
             met = be.to_numpy(hit) & (be.to_numpy(t) > _END) & (be.to_numpy(t) < lengths - _END)
             if met.any():
                 between = f"{_name(report, one, 'the object')} and {_name(report, other, 'the image')}"
-                report.remarks.append(f"{name} stands in the light between {between}: in that of {met.mean():.2g} of the rays looked at")
+                report.remarks.append(f"{name} stands in the light between {between}: it meets {met.mean():.2g} of the rays looked at")
 
 
 def _name(report: LensReport, index: int, otherwise: str) -> str:

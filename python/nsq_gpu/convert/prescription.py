@@ -46,9 +46,9 @@ _TURNS = 64
 _SHARES = (1.0, 0.9, 0.75, 0.6, 0.45, 0.3, 0.15)
 #: Halvings of the search for the outermost ray that reaches the image, where the rim's does not.
 _HALVINGS = 20
-#: Indices of refraction closer to 1 than that are those of a vacuum.
+#: Indices of refraction closer to 1 than that are a vacuum's.
 _VACUUM = 1e-12
-#: Indices of a coating's media that differ by less from those of the surface are meant to be the same.
+#: Indices of a coating's media that differ by less from the surface's are meant to be the same.
 _SAME_INDEX = 1e-6
 
 
@@ -79,12 +79,12 @@ class Face:
 
     @property
     def does_nothing(self) -> bool:
-        """Tell whether light passes it as if it were not there: media are the same, and no aperture clips."""
+        """Return whether light passes it as if it were not there: media are the same, and no aperture clips."""
         return not self.is_mirror and self.before is self.behind
 
     @property
     def clips(self) -> bool:
-        """Tell whether it absorbs the light beside its opening."""
+        """Return whether it absorbs the light beside its opening."""
         return self.is_stop or self.stated is not None
 
     def frame(self) -> CoordinateSystem:
@@ -129,7 +129,7 @@ def in_double() -> Iterator[None]:
 
 @contextmanager
 def without_polarised_coatings(optic: Any) -> Iterator[list[Any]]:
-    """Trace without coatings that the sequential engine cannot ask for a number, or not without a state of polarisation: they
+    """Trace without coatings that the sequential engine cannot ask for a number, or only with a state of polarisation: they
     bend no ray. Yield the coatings of all surfaces."""
     models = [surface.interaction_model for surface in optic.surfaces.surfaces]
     kept = [getattr(model, "coating", None) for model in models]

@@ -18,7 +18,7 @@ from nsq_gpu.errors import ResultWarning, UnsupportedSceneError, wants_gradient,
 from nsq_gpu.export.values import all_want_gradients
 from nsq_gpu.frames import number_of
 
-#: Numbers of a scene's shape, and those of Optiland's geometries that they are, the first that exists.
+#: Numbers of a scene's shape, and the numbers of Optiland's geometries that they are, the first that exists.
 _NUMBERS = {"radius": ("radius",), "conic": ("k",), "coefficients": ("coefficients",), "radius_x": ("Rx", "R_rot"), "radius_y": ("Ry", "R_yz"),
             "conic_x": ("kx",), "conic_y": ("ky",), "coeffs_poly_y": ("coeffs_poly_y",), "norm_x": ("norm_x",), "norm_y": ("norm_y",),
             "norm_radius": ("norm_radius",)}
@@ -77,7 +77,7 @@ def _frame_wants(cs: Any) -> bool:
 
 
 def _frame(surfaces: list[Any], index: int) -> CoordinateSystem | None:
-    """Return the frame of a surface with the tensors that it depends on; None where none wants a gradient.
+    """Return the frame of a surface with the tensors that it depends on; None if none wants a gradient.
 
     Optiland detaches thicknesses where it adds a surface, and keeps them beside the frame.
     """
@@ -96,7 +96,7 @@ def _frame(surfaces: list[Any], index: int) -> CoordinateSystem | None:
 
 
 def _leaves(value: Any) -> list[Any]:
-    """Return a number, or those of lists, one by one."""
+    """Return a number, or the numbers of lists, one by one."""
     return [leaf for item in value for leaf in _leaves(item)] if isinstance(value, list | tuple) else [value]
 
 
@@ -141,7 +141,7 @@ def _listed(value: Any) -> list[Any]:
 
 
 def _refuse_second(place: str, first: int, geometry: Any, other: Any) -> None:
-    """Refuse tensors of a second passage of a face that are not those of the first, whose place they have."""
+    """Refuse tensors of a second passage of a face that are not the first one's, whose place they have."""
     own = {**_tensors(geometry), **{key: getattr(geometry.cs, key) for key in _FRAME if wants_gradient(getattr(geometry.cs, key))}}
     for name, value in own.items():
         known = getattr(other.cs, name) if name in _FRAME else _tensors(other).get(name)

@@ -54,7 +54,7 @@ class BlockMaps:
 
     @property
     def spread(self) -> float:
-        """Return what pixels and splats add to the mean square of x plus that of y [mm^2].
+        """Return what pixels and splats add to the mean square of x plus the mean square of y [mm^2].
 
         A hard pixel adds a twelfth of its square, and linear weights add another one (Sheppard, 1898). A Gaussian splat adds
         its own square.

@@ -215,7 +215,7 @@ class _Run:
             raise _Enough("noise decides: the gradient is within its errors", is_end=False)
 
     def _noise_decides(self, x: np.ndarray) -> bool:
-        """Tell whether the gradient, in all directions, is what noise makes of none."""
+        """Return whether the gradient, in all directions, is what noise makes of none."""
         try:
             found = self.problem.gradient(x)
         except SceneError as error:
@@ -230,11 +230,11 @@ class _Run:
 
 
 def is_noise(gradient: np.ndarray, influences: np.ndarray) -> bool:
-    """Tell whether noise can have made a gradient, by Hotelling's test: along a valley each component may be within its error, while
+    """Return whether noise can have made a gradient, by Hotelling's test: along a valley each component may be within its error, while
     all together are not.
 
-    Of n components and K blocks the statistic is that of F with n and K - n degrees of freedom, about 1 where noise alone is. Where
-    there are few blocks, half of the covariance is that of independent components.
+    Of n components and K blocks the statistic is distributed as F with n and K - n degrees of freedom, about 1 where noise alone is. Where
+    there are few blocks, half of the covariance is the one of independent components.
     """
     count, size = influences.shape
     apart = influences - influences.mean(axis=0)
@@ -367,7 +367,7 @@ def _resumed(problem: Problem, run: _Run, known: Log) -> np.ndarray:
 def _stage(run: _Run, method: str, u: np.ndarray, tolerance: float, options: Mapping[str, Any]) -> str:
     """Run an optimiser to its end; return why it ended.
 
-    SciPy's tests of convergence are against 1, so the merit is divided by that of the start. Where it has fallen far, that is done
+    SciPy's tests of convergence are against 1, so the merit is divided by the start's. Where it has fallen far, that is done
     again.
     """
     first = run.merit(u)

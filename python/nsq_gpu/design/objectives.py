@@ -88,7 +88,7 @@ class Objective(ABC):
 
     @property
     def has_adjoints(self) -> bool:
-        """Tell whether rays can be walked back from the objective."""
+        """Return whether rays can be walked back from the objective."""
         return not self.guide
 
     def missed(self, value: float) -> float:
@@ -301,7 +301,7 @@ class EncircledEnergy(Objective):
 @checking.by_names
 @dataclass(frozen=True, kw_only=True)
 class MatchMap(Objective):
-    """How far a map is from a wanted one: the sum of squares of what is missing, over that of the wanted map.
+    """How far a map is from a wanted one: the sum of squares of what is missing, over the wanted map's sum of squares.
 
     0 is a match. Noise adds nothing, so the value may be a little below 0.
 

@@ -109,17 +109,17 @@ def register_operands() -> Log:
 
     ===================  ==================================================================================================
     ``nsq_flux``         flux in the image, or in ``region`` or ``circle`` [W]
-    ``nsq_ghost_flux``   that of ghosts: light that was reflected at least twice [W]; rays are guided towards it
-    ``nsq_ghost_peak``   the brightest place of ghosts after a Gaussian of the width ``kernel`` [mm]: the sum of E^p over that of
-                         E^(p-1), with p = ``order`` [W/mm^2]
+    ``nsq_ghost_flux``   flux of ghosts: light that was reflected at least twice [W]; rays are guided towards it
+    ``nsq_ghost_peak``   the brightest place of ghosts after a Gaussian of the width ``kernel`` [mm]: the sum of E^p over the sum
+                         of E^(p-1), with p = ``order`` [W/mm^2]
     ``nsq_uniformity``   the square of the mean irradiance over the mean of its square; 1 is even
     ``nsq_rms_radius``   root mean square distance from the centroid of each field, over the fields [mm]
     ===================  ==================================================================================================
 
     Input data: ``optic``; ``detector`` ("image"); ``where`` keeps the light whose path matches; ``fields``, a list of the numbers of
     fields, all of them if None; ``num_rays`` of each field (40,000); ``seed`` (0). Beside these ``blocks``, ``guide``, ``max_depth``,
-    ``precision``, ``adapter``, ``binary``, and those of :func:`nsq_gpu.from_optic`. The size of the image stays that of the
-    first trace.
+    ``precision``, ``adapter``, ``binary``, and the options of :func:`nsq_gpu.from_optic`. The size of the image stays as in
+    the first trace.
 
     Where a lens cannot be traced on the way, the value is NaN, which Optiland takes for a bad lens, and the log says why. The first
     trace of an operand raises instead.
@@ -279,7 +279,7 @@ class _Evaluation:
         frozen.fitting = document
 
     def number(self, document: Json, fields: Sequence[str], objective: Objective) -> float:
-        """Return the value of a scene. Tiny steps from the last scene are those of differences, and are made longer."""
+        """Return the value of a scene. Tiny steps from the last scene are steps of differences, and are made longer."""
         bases = _state.optics[self.given["optic"]].bases.setdefault(self._made, [])
         steps = [(step, base) for base in bases if (step := step_between(base, document)) is not None and step < TINY]
         step, base = min(steps, key=lambda found: found[0], default=(0.0, document))
@@ -298,7 +298,7 @@ class _Evaluation:
         return here + (other - one) / (last - first)
 
     def _end(self, base: Json, document: Json, share: float, fields: Sequence[str], objective: Objective) -> float | None:
-        """Return the value at an end of a difference; None where it cannot be traced."""
+        """Return the value at an end of a difference; None if it cannot be traced."""
         try:
             found = self.of(objective, self._maps(along(base, document, share), fields, objective))
         except SceneError:
@@ -334,7 +334,7 @@ class _Evaluation:
         size = given["detector_size"] or frozen.size
         options = {key: given[key] for key in ("detector_pixels", "edges", "margin")}
         self._made = str((given["detector_size"], options))
-        # The scenes of one step are the same: what tells lenses apart is their content.
+        # The scenes of one step are the same: lenses differ by their content.
         wants_graph = be.get_backend() == "torch"
         key = None if wants_graph else (id(given["optic"]), _content(given["optic"]), size, str(options))
         if key is not None and key in _state.scenes:
@@ -409,7 +409,7 @@ class _Evaluation:
 
     @property
     def own(self) -> str:
-        """Return what tells this operand's gradients from those of others of the optic."""
+        """Return what parts this operand's gradients from the gradients of others of the optic."""
         return str((self.name, self._made, sorted((key, repr(value)) for key, value in self.given.items() if key != "optic")))
 
     @property
@@ -500,7 +500,7 @@ def _one_path(optic: Any) -> Iterator[None]:
 
 
 def _content(optic: Any) -> Any:
-    """Return what tells an optic from what it was before, or a number that is never the same where it cannot be written."""
+    """Return what parts an optic from what it was before, or a number that is never the same where it cannot be written."""
     try:
         return repr(optic.to_dict())
     except Exception:

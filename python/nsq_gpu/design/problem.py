@@ -110,7 +110,7 @@ class Problem:
         gradient: ``"reverse"`` or ``"differences"``. ``"auto"`` walks rays back where all light that changes can be seen there.
         step: Half of a difference's step, as a share of a variable's range.
         max_depth: Largest number of events of a ray. None takes 16, and four times the surfaces where rays are guided.
-        precision: As that of :class:`nsq_gpu.NsqGpuBackend`.
+        precision: As in :class:`nsq_gpu.NsqGpuBackend`.
         adapter: A part of the adapter's name.
         binary: Path of the program.
 
@@ -268,7 +268,7 @@ class Problem:
         """Return the merit, and each operand's value, with standard errors.
 
         Args:
-            x: Variables, in an array or by name. None takes those of the scene.
+            x: Variables, in an array or by name. None takes the scene's values.
 
         Raises:
             SceneError: The scene cannot be traced with these numbers.
@@ -316,7 +316,7 @@ class Problem:
         """Return what the merit gains by a unit of each variable, with standard errors.
 
         Args:
-            x: Variables, in an array or by name. None takes those of the scene.
+            x: Variables, in an array or by name. None takes the scene's values.
             errors: False leaves standard errors of reverse passes away, which takes half of the time.
 
         Raises:
@@ -395,7 +395,7 @@ class Problem:
         self._by_differences = set(self.names)
 
     def _take_differences(self, error: UsageError, names: Sequence[str]) -> None:
-        """Take differences for the variables that an error names as those of edges alone; where it names none, for all."""
+        """Take differences for the variables that an error names as acting at edges alone; where it names none, for all."""
         alone = {name for name in names if f"`{name}` acts at edges alone" in str(error)}
         if not alone or self._gradient == "reverse":
             self._all_by_differences(str(error))
@@ -414,7 +414,7 @@ class Problem:
         self._by_differences = self._found_by_differences | crossed
 
     def _no_reverse(self) -> str | None:
-        """Return why rays cannot be walked back; None where they can."""
+        """Return why rays cannot be walked back; None if they can."""
         guided = next((label for of, label in zip(self.operands, self.labels, strict=True) if not of.has_adjoints), None)
         if guided is not None:
             return f"the light of {guided} is guided"
@@ -426,7 +426,7 @@ class Problem:
         """Return the variables by which short differences of two traces do not confirm derivatives of the interior.
 
         Each operand's own value is checked, since a merit says nothing of an operand that is met. An operand is looked at where it
-        was not yet, which means no nearer than ``near_by``. The rays are others than those of the blocks, and many: few rays see
+        was not yet, which means no nearer than ``near_by``. The rays are others than the blocks', and many: few rays see
         little of an edge. They count for no budget.
         """
         place = self.shares_of(np.array(list(numbers.values())))
@@ -575,7 +575,7 @@ class Problem:
         return found
 
     def _is_held(self, x: np.ndarray, gradient: np.ndarray, index: int) -> bool:
-        """Tell whether a variable lies at a bound, beyond which the merit falls."""
+        """Return whether a variable lies at a bound, beyond which the merit falls."""
         low, high = self.bounds[index]
         close = 1e-9 * (high - low)
         return bool((x[index] <= low + close and gradient[index] > 0.0) or (x[index] >= high - close and gradient[index] < 0.0))

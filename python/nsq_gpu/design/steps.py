@@ -15,7 +15,7 @@ from nsq_gpu.edges import without_numbers
 
 Json = dict[str, Any]
 
-#: Steps below this count as tiny. They are those of differences: line searches take longer ones.
+#: Steps below this count as tiny. They are steps of differences: line searches take longer ones.
 TINY = 1e-5
 #: Length of the step that takes their place: the largest change of a number, over the number's scale.
 LONG = 5e-3
@@ -45,7 +45,7 @@ def scale_of(way: tuple[Any, ...], value: float) -> float:
 
 
 def step_between(base: Any, other: Any) -> float | None:
-    """Return the largest change from one scene to the other, over scales; None where they differ in more than numbers."""
+    """Return the largest change from one scene to the other, over scales; None if they differ in more than numbers."""
     if without_numbers(base) != without_numbers(other):
         return None
     return max((abs(there - here) / scale_of(way, here) for (way, here), (_, there) in zip(numbers_of(base), numbers_of(other), strict=True)),

@@ -32,7 +32,7 @@ _OF_BLOCKS = ("noise", "the flux of detector", "no light", "no ray")
 
 
 def block_seeds(seed: int, count: int) -> list[int]:
-    """Return the seeds of blocks of rays. Those of other seeds are others."""
+    """Return the seeds of blocks of rays. Another seed gives others."""
     return [int(found) for found in np.random.SeedSequence(seed % 2**64).generate_state(count, np.uint64) >> np.uint64(12)]
 
 
@@ -134,7 +134,7 @@ class Tracer:
               known: dict[str, str] | None = None) -> tuple[str, bool]:
         """Return the file of a guide for scenes of this shape, and whether it was learned now.
 
-        ``known`` has the guides of one optic, and gains what is learned. None takes those of this tracer.
+        ``known`` has the guides of one optic, and gains what is learned. None takes this tracer's guides.
         """
         known = self._guides if known is None else known
         shape = shape_of(_guided_shape(document), {"where": where}, ()) + f"-{max_depth}-{seed}"

@@ -39,7 +39,7 @@ class Components:
     labels: list[str] = field(default_factory=list)
 
     def order_needed(self) -> bool:
-        """Tell whether the order differs from the file's own: components first."""
+        """Return whether the order differs from the file's own: components first."""
         return self.order != [item["name"] for item in (*self.components, *self.surfaces)]
 
 
@@ -156,7 +156,7 @@ def _mirror(config: Any, place: str) -> Json:
 
 
 def _constant_reflectance(config: Any) -> bool:
-    """Tell whether version 1 can hold a mirror's reflectance."""
+    """Return whether version 1 can hold a mirror's reflectance."""
     return isinstance(config.reflectance, int | float) or hasattr(config.reflectance, "item")
 
 

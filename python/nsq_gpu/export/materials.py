@@ -24,7 +24,7 @@ _LOWEST = {"n": np.nextafter(0.0, 1.0), "k": 0.0}
 
 
 class Media:
-    """The media of one scene. One live object is one medium, because Optiland tells media apart by identity."""
+    """The media of one scene. One live object is one medium, because Optiland knows media apart by identity."""
 
     def __init__(self, wavelengths: Iterable[float]) -> None:
         self.wavelengths = sorted(set(wavelengths))

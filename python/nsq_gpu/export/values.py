@@ -36,7 +36,7 @@ class Wanted(float):
     place: str
 
     def __eq__(self, other: object) -> bool:
-        """Tell whether another number is the same, and wanted by the same leaf: a plain one has no tensor."""
+        """Return whether another number is the same, and wanted by the same leaf: a plain one has no tensor."""
         if not isinstance(other, Wanted) or float(self) != float(other):
             return False
         # What is computed from tensors is computed anew with every component.
@@ -47,7 +47,7 @@ class Wanted(float):
 
 
 def all_want_gradients() -> bool:
-    """Tell whether Optiland makes every constant a tensor that wants a gradient, so that nobody names those that do."""
+    """Return whether Optiland makes every constant a tensor that wants a gradient, so that nobody names those that do."""
     return be.get_backend() == "torch" and be.grad_mode.requires_grad
 
 
@@ -61,7 +61,7 @@ class _Gradients:
     dropped: dict[int, Any] = field(default_factory=dict)
 
 
-#: None where tensors are values.
+#: None if tensors are values.
 _gradients: ContextVar[_Gradients | None] = ContextVar("_gradients", default=None)
 
 

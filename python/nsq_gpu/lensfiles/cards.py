@@ -128,7 +128,7 @@ class Card:
 
     @property
     def is_zero(self) -> bool:
-        """Tell whether all its words are zeros."""
+        """Return whether all its words are zeros."""
         return not any(self.numbers())
 
     def refuse(self, what: str, cure: str) -> NoReturn:
@@ -156,7 +156,7 @@ class Reading:
     remarks: list[str] = field(default_factory=list)
     #: How often each card without meaning for light occurs.
     passed_over: Counter[str] = field(default_factory=Counter)
-    #: Cards of each surface of the Optic, with those of the coordinate breaks before it.
+    #: Cards of each surface of the Optic, with the cards of the coordinate breaks before it.
     cards: dict[int, list[Card]] = field(default_factory=dict)
     #: What each glass of the file was taken for.
     glasses_found: dict[str, str] = field(default_factory=dict)
@@ -186,7 +186,7 @@ class Reading:
                 self.remark(card, f"lengths are multiplied by {self.unit:g}, since a scene is in mm")
 
     def is_carried(self, card: Card, rules: Mapping[str, Rule], *, in_surface: bool) -> bool:
-        """Apply the rule of a card; tell whether its numbers are to be used.
+        """Apply the rule of a card; return whether its numbers are to be used.
 
         Raises:
             UnsupportedSceneError: The card is refused, or is unknown within a surface.

@@ -312,7 +312,7 @@ class _Reader:
             self.surfaces[-1].start.broken("the last surface is no image; write SI")
 
     def _are_curvatures(self) -> bool:
-        """Tell whether a file that states no RDM has curvatures: the other reading must be none of a lens."""
+        """Return whether a file that states no RDM has curvatures: the other reading must be none of a lens."""
         values = [abs(given.radius) for given in self.surfaces if given.radius]
         if not values:
             return False
@@ -559,7 +559,7 @@ class _Reader:
             return IdealMaterial(values[0])
         used = self.header["WL"].numbers() if "WL" in self.header else []
         if used and not min(known) <= min(used) <= max(used) <= max(known):
-            card.broken(f"its wavelengths (PWL) are from {min(known):g} to {max(known):g} nm, and do not cover those of the lens (WL)")
+            card.broken(f"its wavelengths (PWL) are from {min(known):g} to {max(known):g} nm, and do not cover the lens's (WL)")
         if not set(used) <= set(known):
             self.reading.remark(card, f"the private glass {token}: indices between the wavelengths of PWL are interpolated linearly")
         lines, indices = zip(*sorted(zip((line / 1000.0 for line in known), values, strict=True)), strict=True)

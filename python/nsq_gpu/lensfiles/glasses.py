@@ -98,7 +98,7 @@ def _abbe(material: Any) -> float:
 
 
 def has_dispersion(vd: float) -> bool:
-    """Tell whether an index of that Abbe number is not constant; 0, and 10,000 and more, are no dispersion."""
+    """Return whether an index of that Abbe number is not constant; 0, and 10,000 and more, are no dispersion."""
     return vd != 0.0 and vd < _NO_DISPERSION
 
 

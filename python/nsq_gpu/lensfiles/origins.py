@@ -22,7 +22,7 @@ _HANDED_ON = ("decentre", "tilt")
 def origins(reading: Reading, index: int, kind: str) -> tuple[str, ...]:
     """Return the places of the cards that a part of a surface comes from, as ``lens.zmx:14: PARM``.
 
-    Of a frame they are those of the last surface up to this one that states one.
+    Of a frame they are the places in the last surface up to this one that states one.
     """
     names = set(_NAMES[kind].split())
     found: list[Card] = []
@@ -34,7 +34,7 @@ def origins(reading: Reading, index: int, kind: str) -> tuple[str, ...]:
 
 
 def _is_zero(card: Card) -> bool:
-    """Tell whether a card states nothing but zeros, or the plain type."""
+    """Return whether a card states nothing but zeros, or the plain type."""
     if card.name == "TYPE":
         return [word.upper() for word in card.words] == ["STANDARD"]
     # Of a parameter the first word is its place.

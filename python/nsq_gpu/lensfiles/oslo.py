@@ -132,7 +132,7 @@ def _check(text: str, reading: Reading) -> dict[str, Card]:
                 if CARDS.get(card.name, CARDS["DES"]).fate is Fate.CARRIED and card.name not in ("TH", "WV", "WW", "END", "LEN"):
                     reading.remark(card, "the card stands behind END, and was left out")
                 continue
-            # Lens data and those of the object are mixed.
+            # Lens data and the object's are mixed.
             if not reading.is_carried(card, CARDS, in_surface=surface > 0):
                 continue
             reading.cards.setdefault(surface, []).append(card)

@@ -25,7 +25,7 @@ mod tests {
     #[test]
     fn a_path_that_fails_most_rays_does_not_pay() {
         let num = TELLING_RAYS;
-        assert!(pays([0, 0]) && pays([num - 1, num - 1]), "too few to tell");
+        assert!(pays([0, 0]) && pays([num - 1, num - 1]), "too few to judge");
         assert!(pays([num, 0]) && pays([num, num / 2]));
         assert!(!pays([num, num / 8 * 5]) && !pays([num, num]));
     }

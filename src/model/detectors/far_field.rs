@@ -68,7 +68,7 @@ impl WrittenDetector for Written {
         if self.sphere && !self.num_theta().is_multiple_of(2) {
             return checks::refuse(
                 at("num_bins_theta"),
-                format!("{} bins do not part at 90 degrees, as those of a sphere must", self.num_theta()),
+                format!("{} bins do not part at 90 degrees, as a sphere's must", self.num_theta()),
                 "give an even number",
             );
         }

@@ -34,7 +34,7 @@ pub fn judge(result: &TraceResult, detector: &Detector, asked: &Asked) -> Result
     let has_no_map = || {
         let kind = detector.data.kind();
         Error::Usage(format!(
-            "{} is a {kind} detector: figures are those of irradiance and far_field",
+            "{} is a {kind} detector: only irradiance and far_field have figures",
             shown(&detector.name)
         ))
     };

@@ -311,7 +311,7 @@ mod tests {
             let Shade::Part(part) = scale.shade(value) else { panic!("{value} has no colour of its own") };
             part
         };
-        assert_eq!(part(1e-9), 0.0, "below all decades, and not none");
+        assert_eq!(part(1e-9), 0.0, "below all decades, yet a colour");
         for (value, expected) in [(1e-4, 1.0 / 3.0), (1e-2, 2.0 / 3.0), (1.0, 1.0)] {
             assert!((part(value) - expected).abs() < 1e-12, "{value}");
         }

@@ -256,7 +256,7 @@ impl Verify {
         let hash = checkpoint::scene_hash(ir);
         if hash != *scene_hash {
             let problem = format!(
-                "is not the scene that was traced: its hash is {hash:032x}, and that of the traced one {scene_hash:032x}; \
+                "is not the scene that was traced: its hash is {hash:032x}, and the traced one's {scene_hash:032x}; \
                  --scene names another file"
             );
             return Err(Halt::Wrong(Verdict::Different, vec![Finding::of_file(&path_text(path), &problem)]));

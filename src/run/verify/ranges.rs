@@ -82,7 +82,7 @@ pub(super) fn check(
     let options = options_of(stored, &sums.identity, ir)?;
     for (number, part) in proof.parts.iter().enumerate() {
         if !part.is_sound() {
-            wrong(format!("part {number} of the proof"), "has ranges that are not those of a trace");
+            wrong(format!("part {number} of the proof"), "has ranges that no trace has");
             return Ok(0);
         }
         let rays = rays_between(ir, &part.options(&options), [0, part.end()])?;

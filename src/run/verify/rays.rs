@@ -222,7 +222,7 @@ impl OtherRays {
                 (Some(problem), ..) => problem.clone(),
                 (None, Some(total), _) => apart(result, other, total.score, self.detectors.limit),
                 (None, None, Some(map)) => format!(
-                    "its map is {} standard errors from that of other rays at {:?}; chance explains {:.1}",
+                    "its map is {} standard errors from the map of other rays at {:?}; chance explains {:.1}",
                     map.largest_score.map_or("infinitely many".into(), |score| format!("{score:.1}")),
                     map.largest_at,
                     map.limit

@@ -136,7 +136,7 @@ fn tilt_line(lines: &[&str]) -> Checked<usize> {
         Some((index, value)) => Err(at_line(
             index,
             format!("TILT={} says that the light depends on the tilt of the lamp", quoted(&value)),
-            "write TILT=NONE without a table of tilts, if the lamp hangs as it was measured",
+            "write TILT=NONE and leave out the table of tilts, if the lamp hangs as it was measured",
         )),
         None => Err(at_line(
             lines.len().saturating_sub(1),

@@ -142,7 +142,7 @@ fn flags(bytes: &[u8]) -> Result<[bool; 8]> {
         let is_right = if index < 2 { value == 1 } else { value == 0 || value == 1 };
         if !is_right {
             let problem = format!("the flag of the {name} is {value}");
-            let remedy = "flags are 0 or 1, and those of position and direction are 1";
+            let remedy = "flags are 0 or 1, and 1 for position and direction";
             return Err(Error::at(at as u64, problem, remedy));
         }
         *flag = value == 1;

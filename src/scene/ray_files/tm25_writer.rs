@@ -81,7 +81,7 @@ impl<W: Write + Seek> Tm25Writer<W> {
             num_items = 8;
         }
         if !items.iter().all(|item| item.is_finite()) {
-            return refused("its numbers are beyond those of single precision", "write it as npz");
+            return refused("its numbers are beyond single precision", "write it as npz");
         }
         if num_items == 8 {
             // Of NaN and a number, both take the number.

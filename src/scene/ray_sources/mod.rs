@@ -56,9 +56,7 @@ fn read(
     }
     if reading.farthest > ROUNDED {
         let nm = significant(1e3 * reading.farthest, 3);
-        found.push(said(&format!(
-            "wavelengths of rays are put to those of the spectrum, at most {nm} nm off"
-        )));
+        found.push(said(&format!("wavelengths of rays are put to the spectrum's, at most {nm} nm off")));
     }
     warnings.extend(found);
     written.flux = reading.flux;

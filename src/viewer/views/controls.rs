@@ -86,7 +86,7 @@ fn units(app: &mut App, ui: &mut Ui) {
     if settings.photometric && !tells_wavelengths {
         let wavelength = DragValue::new(&mut app.model.wavelength).range(0.1..=20.0).speed(0.001);
         ui.add(wavelength.suffix(" µm").max_decimals(4)).on_hover_text(
-            "This detector does not tell wavelengths apart: all its flux counts as light of this one",
+            "This detector does not keep wavelengths apart: all its flux counts as light of this one",
         );
     }
 }

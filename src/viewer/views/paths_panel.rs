@@ -272,7 +272,7 @@ fn of_rest(light: &Light, rest: &RestOfLight) -> Line {
         ],
         short: format!("the rest: {rows} rows"),
         sequence: format!("the rest: {rows} rows without a map of their own"),
-        hint: format!("All light on the detector, less that of the rows with maps.{direct}"),
+        hint: format!("All light on the detector, less the light of the rows with maps.{direct}"),
         is_shown: false,
         tick: Some(light.rest_is_ticked()),
     }
