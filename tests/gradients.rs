@@ -214,6 +214,13 @@ fn derivatives_are_those_of_differences() {
         let num_seen = check_difference(BENCH, name, step, &options, false);
         assert!(num_seen > 20, "{name}: the derivative shows in {num_seen} pixels alone");
     }
+    let profile = r#""aperture_radius": 8.0, "profile": "gaussian", "gaussian_sigma": 5.0,"#;
+    let gaussian = BENCH.replace(r#""aperture_radius": 8.0,"#, profile);
+    assert_ne!(gaussian, BENCH);
+    for (name, step) in [("beam.gaussian_sigma", 0.05), ("beam.aperture_radius", 0.02)] {
+        let num_seen = check_difference(&gaussian, name, step, &options, false);
+        assert!(num_seen > 20, "{name}: the derivative shows in {num_seen} pixels alone");
+    }
     let simple = r#"{"type": "simple", "reflectance": 0.2, "transmittance": 0.7}"#;
     let [low, high] = [
         "[[0.2, 0.25, 0.5], [0.1, 0.15, 0.4], [0.3, 0.4, 0.5]]",
@@ -228,6 +235,51 @@ fn derivatives_are_those_of_differences() {
     for name in ["\"filter.back\".reflectance.0.0", "\"filter.back\".transmittance.1.1"] {
         let num_seen = check_difference(&text, name, 0.02, &options, false);
         assert!(num_seen > 8, "{name}: the derivative shows in {num_seen} pixels alone");
+    }
+}
+
+/// A place in a truncated Gaussian beam keeps its share of the light within, so that a wider beam leaves none beyond the rim.
+/// The mean square of the radius is 2 s^2 (1 - q / (exp(q) - 1)), with q = R^2 / (2 s^2).
+#[test]
+fn a_truncated_gaussian_beam_widens_by_its_formula() {
+    const RADIUS: f64 = 8.0;
+    let mean_square = |sigma: f64, radius: f64| {
+        let q = radius * radius / (2.0 * sigma * sigma);
+        2.0 * sigma * sigma * (1.0 - q / q.exp_m1())
+    };
+    for sigma in [2.0, 4.0, 6.0] {
+        let text = format!(
+            r#"{{"nsq_schema_version": 1, "components": [],
+            "sources": [{{"name": "beam", "type": "collimated", "total_flux": 1.0, "aperture_radius": {RADIUS}, "cs": {{"z": -10.0}},
+                "profile": "gaussian", "gaussian_sigma": {sigma}, "spectrum": {{"wavelengths": [0.5], "weights": [1.0]}}}}],
+            "detectors": [{{"name": "screen", "type": "irradiance", "width": 20.0, "height": 20.0, "num_pixels_x": 80,
+                "num_pixels_y": 80, "splat": "bilinear", "absorb": true}}]}}"#
+        );
+        let options = TraceOptions { num_rays: 400_000, ..zoo::options(0, 5, Precision::F64) };
+        let names = ["beam.gaussian_sigma", "beam.aperture_radius"];
+        let scene = differentiated(&text, &names);
+        let found = scene.gradients(zoo::gpu(), &options, How::default(), |_| true).unwrap().0;
+        let slope = |of: &dyn Fn(f64) -> f64| (of(1e-4) - of(-1e-4)) / 2e-4;
+        let formulas = [
+            slope(&|change| mean_square(sigma + change, RADIUS)),
+            slope(&|change| mean_square(sigma, RADIUS + change)),
+        ];
+        for (ours, formula) in found.iter().zip(formulas) {
+            let (map, errors) = (ours.map.as_ref().unwrap(), ours.map_errors.as_ref().unwrap());
+            let square = |(pixel, value): (usize, &f64)| {
+                let [x, y] = [pixel % 80, pixel / 80].map(|at| (at as f64 + 0.5) * 0.25 - 10.0);
+                value * (x * x + y * y)
+            };
+            let mean: f64 = map.iter().enumerate().map(square).sum();
+            // Derivatives of neighbouring pixels have opposite errors, so that the sum of squares is more than enough.
+            let sigma: f64 =
+                errors.iter().enumerate().map(square).map(|error| error * error).sum::<f64>().sqrt();
+            assert!(
+                (mean - formula).abs() < 4.0 * sigma && sigma < 0.02,
+                "{}: {mean} +- {sigma}, not {formula}",
+                ours.parameter
+            );
+        }
     }
 }
 
@@ -374,6 +426,9 @@ fn derivatives_of_scattered_light_are_those_of_differences() {
             &[("S.l0", 5e-3), ("S.s", 0.05), ("S.ry", 2e-3), ("S.z", 0.1)][..],
         ),
         (mirror, k_correlation, [-8.0, -12.0], &[("S.B", 0.1), ("S.s", 0.05), ("S.scatter_fraction", 0.02)]),
+        // The distribution's power is 0 here, and next to 0 there.
+        (mirror, &k_correlation.replace("2.5", "2.0"), [-8.0, -12.0], &[("S.s", 0.05), ("S.B", 0.1)]),
+        (mirror, &k_correlation.replace("2.5", "2.004"), [-8.0, -12.0], &[("S.s", 0.05)]),
         (
             mirror,
             lambertian,

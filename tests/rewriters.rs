@@ -105,7 +105,14 @@ fn the_textbook_agrees_with_differences() {
     let mut num_agreeing = 0;
     let mut faults = Vec::new();
     for rule in RULES.iter().filter(|rule| {
-        !["said_to_vary_otherwise", "said_to_be_constant", "a_note", "a_loop_that_notes"].contains(&rule.name)
+        ![
+            "said_to_vary_otherwise",
+            "said_to_be_constant",
+            "a_note",
+            "a_loop_that_notes",
+            "a_loop_that_notes_an_argument",
+        ]
+        .contains(&rule.name)
     }) {
         for (p, point) in points(2, 64).iter().enumerate() {
             let value = |point: &Inputs| (rule.value)(Dual::inputs(point), p as u32).value;

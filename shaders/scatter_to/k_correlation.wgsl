@@ -1,5 +1,5 @@
 // The density with which bsdfs/k_correlation.wgsl draws a direction: the lobe's height over its integral. In the middle
-// of the lobe the density is B^2 / (pi growth), times p where p is not 0.
+// of the lobe the density is B^2 / (pi growth).
 
 fn toward_k_correlation(s: Scattering, surface: Surface, direction: vec3<real>) -> Toward {
     let offsets = offsets_from(s, direction);
@@ -14,12 +14,10 @@ fn k_correlation_density(beta: real, surface: Surface) -> real {
         return 0.0;
     }
     let width = surface.k_correlation_width;
-    let inverse = surface.k_correlation_inverse;
     let scaled = beta / width;
     let logarithm = log_real(1.0 + scaled * scaled);
     // s / 2 = 1 - p.
-    let has_power = inverse != 0.0;
-    let half_slope = 1.0 - select(0.0, 1.0 / select(1.0, inverse, has_power), has_power);
-    let integral = 3.141592653589793 * (width * width) * surface.k_correlation_growth * select(1.0, inverse, has_power);
+    let half_slope = 1.0 - surface.k_correlation_power;
+    let integral = 3.141592653589793 * (width * width) * surface.k_correlation_growth;
     return exp_real(-half_slope * logarithm) / integral;
 }

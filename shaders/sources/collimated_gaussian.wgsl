@@ -10,7 +10,8 @@ fn emit_collimated_gaussian(key: RayKey, e: Source) -> LocalRay {
         let radius = e.p1 * sqrt(-2.0 * log_uniform(draw(key, SOURCE_U1, attempt)));
         if radius <= e.p0 {
             let turn = sincos_turns(draw(key, SOURCE_U2, attempt));
-            return LocalRay(vec3<real>(radius * turn.x, radius * turn.y, 0.0), z);
+            let r = accepted_radius(radius, e);
+            return LocalRay(vec3<real>(r * turn.x, r * turn.y, 0.0), z);
         }
     }
     let turn = sincos_turns(draw(key, SOURCE_U2, GAUSSIAN_ATTEMPTS));

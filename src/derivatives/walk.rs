@@ -28,7 +28,7 @@ const MOST_BYTES: u64 = 1 << 24;
 /// Dispatches that take less are doubled: a driver may give up on a long one.
 const SHORT: Duration = Duration::from_millis(100);
 
-/// More numbers than that do not fit the registers of an invocation.
+/// Numbers have adjoints in registers of an invocation. Compilers take ten seconds and more for more of them.
 const MOST_NUMBERS: usize = 512;
 
 /// A scene whose rays can be walked back.

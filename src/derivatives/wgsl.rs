@@ -55,6 +55,7 @@ impl ShaderAddition for DerivativeShader {
             ("optics/attenuated", shader!("derivatives/bulk.wgsl")),
             ("optics/survival", shader!("derivatives/roulette.wgsl")),
             ("stages/scattered", shader!("derivatives/scatter.wgsl")),
+            ("sources/accepted", shader!("derivatives/accepted.wgsl")),
         ];
         always.into_iter().chain(branch).collect()
     }

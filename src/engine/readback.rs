@@ -2,7 +2,7 @@
 //! then takes time and memory for these cells alone.
 
 use crate::program::Cells;
-use crate::program::layout::tables::{MomentCells, ReachedMarks};
+use crate::program::layout::tables::{LEDGER_CELLS, LedgerCell, MomentCells, ReachedMarks};
 use crate::result::{FluxSum, Moments, Tally};
 
 /// From this sum on, some cell of squares may have overflowed (shaders/sums/moments.on.wgsl).
@@ -174,19 +174,23 @@ impl<'a> Readback<'a> {
     pub fn finish(self, marks: ReachedMarks) {
         let Readback { layout, tally, counters, sums, .. } = self;
         let flux_sum = |cell: usize| FluxSum { count: counters[cell], quanta: sums[cell] };
-        // Each number is a bin's place in `LEDGER_CELLS` (program/layout/tables.rs).
-        tally.invalid_deposits += counters[0];
-        tally.medium_stack_underflows += counters[1];
-        tally.roulette_gain += flux_sum(2);
-        tally.bulk += flux_sum(3);
-        tally.importance_loss += flux_sum(4);
-        tally.importance_gain += flux_sum(5);
-        tally.escaped += flux_sum(6);
-        tally.depth_killed += flux_sum(7);
-        tally.roulette_loss += flux_sum(8);
-        tally.coating += flux_sum(9);
-        tally.bsdf_loss += flux_sum(10);
-        tally.bsdf_gain += flux_sum(11);
+        for (cell, _) in LEDGER_CELLS {
+            let found = flux_sum(cell as usize);
+            match cell {
+                LedgerCell::Invalid => tally.invalid_deposits += found.count,
+                LedgerCell::Underflows => tally.medium_stack_underflows += found.count,
+                LedgerCell::RouletteGain => tally.roulette_gain += found,
+                LedgerCell::Bulk => tally.bulk += found,
+                LedgerCell::ImportanceLoss => tally.importance_loss += found,
+                LedgerCell::ImportanceGain => tally.importance_gain += found,
+                LedgerCell::Escaped => tally.escaped += found,
+                LedgerCell::DepthKilled => tally.depth_killed += found,
+                LedgerCell::RouletteKilled => tally.roulette_loss += found,
+                LedgerCell::Coating => tally.coating += found,
+                LedgerCell::Bsdf => tally.bsdf_loss += found,
+                LedgerCell::BsdfGain => tally.bsdf_gain += found,
+            }
+        }
         let reached = layout.other_counter(layout.cells.reached);
         for (i, surface) in tally.surfaces.iter_mut().enumerate() {
             let absorbed = flux_sum(layout.cells.surfaces as usize + i);

@@ -379,4 +379,19 @@ pub const RULES: &[Rule] = &[
         let slopes = x[0].times(x[0]).times(number(3.0 * NOTED)).plus(returned).slopes;
         Dual { slopes, ..returned }
     }),
+    rule(
+        "a_loop_that_notes_an_argument",
+        "
+        fn noting_it(x: real, y: real) -> real {
+            for (var i = 0u; i < 2u; i += 1u) { note(INNER, x); }
+            return attached(2.0, y);
+        }
+        =====
+        return noting_it(u.x, u.z) * u.y;",
+        |x, _| {
+            let returned = Dual { slopes: x[2].slopes, ..number(2.0) }.times(x[1]);
+            let slopes = x[0].times(number(2.0 * NOTED)).plus(returned).slopes;
+            Dual { slopes, ..returned }
+        },
+    ),
 ];

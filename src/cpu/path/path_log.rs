@@ -12,7 +12,7 @@ use crate::cpu::path::hot_path::{Crossing, HotPath, HotPathEvent, LEAST_ASSUMED,
 use crate::cpu::path::miss_test::{ProfiledRays, Segment};
 use crate::model::{Detector, DetectorKind, Interaction, SceneIr, Splat};
 use crate::program::features::Features;
-use crate::program::layout::tables::{CELL_DEPTH_KILLED, CELL_ESCAPED, Cells};
+use crate::program::layout::tables::{Cells, LedgerCell};
 use crate::program::{Precision, ProgramOptions};
 
 /// The log of a stage that follows a path.
@@ -278,8 +278,8 @@ fn ledger_end(scene: &LoggedScene, path: &HotPath, last: &HotPathEvent) -> Optio
     match (last.ends, last.primitive < scene.ir.surfaces.len()) {
         (true, false) => None,
         (true, true) => Some((scene.cells.surfaces + last.primitive as u32, num_events - 1)),
-        (false, _) if path.missed.is_some() => Some((CELL_ESCAPED, num_events)),
-        (false, _) => Some((CELL_DEPTH_KILLED, num_events)),
+        (false, _) if path.missed.is_some() => Some((LedgerCell::Escaped as u32, num_events)),
+        (false, _) => Some((LedgerCell::DepthKilled as u32, num_events)),
     }
 }
 

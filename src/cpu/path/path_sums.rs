@@ -7,7 +7,7 @@ use crate::cpu::log::format::{EntryFormat, Grid};
 use crate::cpu::log::positions::{BLOCK, Block, PositionEntry};
 use crate::cpu::log::reals::Real;
 use crate::cpu::path::path_log::{PathLog, Place, Weight};
-use crate::program::layout::tables::CELL_BULK;
+use crate::program::layout::tables::LedgerCell;
 
 /// A place, and what each ray leaves there.
 struct Deposits<'a, T> {
@@ -97,7 +97,11 @@ impl DepositSums {
     /// What media took from rays that were born with a weight: all that these do not leave at their end.
     fn add_attenuated(&mut self, rays: &KeptRays, legs: u32, born: f64) -> Option<()> {
         let launched = quantize(born).unwrap_or(0).checked_mul(rays.num.into())?;
-        self.add_losses(CELL_BULK as usize, u64::from(legs) * rays.num, launched.checked_sub(rays.quanta)?)
+        self.add_losses(
+            LedgerCell::Bulk as usize,
+            u64::from(legs) * rays.num,
+            launched.checked_sub(rays.quanta)?,
+        )
     }
 
     /// Adds one place, which is laid out, of those rays of a block that kept to the path.

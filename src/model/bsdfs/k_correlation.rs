@@ -119,12 +119,12 @@ impl Scattering for KCorrelation {
         const LEAST: f64 = 1e-30;
         let (p, t) = (self.power(), self.logarithm(LONGEST_OFFSET));
         let rest = Some((p * t).exp()).filter(|rest| *rest > LEAST).unwrap_or(0.0);
-        let [growth, inverse] = if p == 0.0 { [t, 0.0] } else { [(p * t).exp_m1(), 1.0 / p] };
+        let growth = if p == 0.0 { t } else { (p * t).exp_m1() / p };
         vec![
             ("k_correlation_width", 1.0 / self.b),
             ("k_correlation_growth", growth),
             ("k_correlation_rest", rest),
-            ("k_correlation_inverse", inverse),
+            ("k_correlation_power", p),
         ]
     }
 

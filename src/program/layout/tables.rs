@@ -70,29 +70,53 @@ pub struct MomentCells {
     pub large_squares: u32,
 }
 
-/// Bins of the ledger, by their names in the shaders; the order of fates follows shaders/stages/state.wgsl.
-/// `Readback::finish` (engine/readback.rs) reads each bin by its place here.
-pub const LEDGER_CELLS: [&str; 12] = [
-    "CELL_INVALID",
-    "CELL_UNDERFLOWS",
-    "CELL_ROULETTE_GAIN",
-    "CELL_BULK",
-    "CELL_IMPORTANCE_LOSS",
-    "CELL_IMPORTANCE_GAIN",
-    "CELL_ESCAPED",
-    "CELL_DEPTH_KILLED",
-    "CELL_ROULETTE_KILLED",
-    "CELL_COATING",
-    "CELL_BSDF",
-    "CELL_BSDF_GAIN",
-];
+/// A bin of the ledger, in the order of cells. Fates stand in the order of shaders/stages/state.wgsl.
+///
+/// `Readback::finish` (engine/readback.rs) reads each: a bin that is added here does not compile until it is read there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum LedgerCell {
+    /// Deposits that no sum can hold.
+    Invalid,
+    /// Rays that left a medium that they were not in.
+    Underflows,
+    /// Weight gained by survivors of roulette.
+    RouletteGain,
+    /// Taken by absorbing media.
+    Bulk,
+    /// Weight lost where a branch was drawn more often than its share.
+    ImportanceLoss,
+    /// Weight gained where a branch was drawn less often than its share.
+    ImportanceGain,
+    /// Met nothing any more.
+    Escaped,
+    /// Reached the largest number of events.
+    DepthKilled,
+    /// Ended by roulette.
+    RouletteKilled,
+    /// Taken by coatings.
+    Coating,
+    /// Taken by scattering surfaces.
+    Bsdf,
+    /// Weight gained by scattering.
+    BsdfGain,
+}
 
-/// The place of `CELL_BULK` among them.
-pub const CELL_BULK: u32 = 3;
-/// The place of `CELL_ESCAPED` among them.
-pub const CELL_ESCAPED: u32 = 6;
-/// The place of `CELL_DEPTH_KILLED` among them.
-pub const CELL_DEPTH_KILLED: u32 = 7;
+/// All bins, with their names in shaders.
+pub const LEDGER_CELLS: [(LedgerCell, &str); 12] = [
+    (LedgerCell::Invalid, "CELL_INVALID"),
+    (LedgerCell::Underflows, "CELL_UNDERFLOWS"),
+    (LedgerCell::RouletteGain, "CELL_ROULETTE_GAIN"),
+    (LedgerCell::Bulk, "CELL_BULK"),
+    (LedgerCell::ImportanceLoss, "CELL_IMPORTANCE_LOSS"),
+    (LedgerCell::ImportanceGain, "CELL_IMPORTANCE_GAIN"),
+    (LedgerCell::Escaped, "CELL_ESCAPED"),
+    (LedgerCell::DepthKilled, "CELL_DEPTH_KILLED"),
+    (LedgerCell::RouletteKilled, "CELL_ROULETTE_KILLED"),
+    (LedgerCell::Coating, "CELL_COATING"),
+    (LedgerCell::Bsdf, "CELL_BSDF"),
+    (LedgerCell::BsdfGain, "CELL_BSDF_GAIN"),
+];
 
 impl Cells {
     /// The cells of a scene.

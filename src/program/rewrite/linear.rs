@@ -246,7 +246,7 @@ pub(super) trait Linearise: FunctionBuilder {
                 choice(is_high, self.change(old[2]), raised, ty)
             }
             MathFunction::Sqrt => {
-                // Where the root is 0 its slope is infinite: there the ray grazes, and what it does has no derivative.
+                // Where the root is 0 its slope is infinite. By convention the slope is 0: on an axis, and where a ray grazes.
                 let root = self.coefficient(result)?;
                 let zero = self.append(Expression::ZeroValue(ty));
                 let is_positive = self.binary(Greater, root, zero, out);

@@ -33,12 +33,21 @@ impl Rule {
             Rule::Exponential | Rule::Logarithm | Rule::Turned(..) => arguments.first().copied(),
         }
     }
+
+    /// The argument of a call whose change counts: for the result, or for a sum.
+    pub(in crate::program) fn sees(self, arguments: &[Handle<Expression>]) -> Option<Handle<Expression>> {
+        match self {
+            Rule::Note => arguments.get(1).copied(),
+            other => other.differentiated(arguments),
+        }
+    }
 }
 
 /// The function that adds a tangent to a sum: (cell, tangent, number of the parameter).
 pub(in crate::program) const DEPOSIT: &str = "deposit_tangent";
 
-/// The rule of a function, if it has one.
+/// The rule of a function, if it has one. Rules go by the name alone: a function of one of these names has no derivative of
+/// its own, wherever it stands. Decisions and searches are constant, and so are integer sums and what the host records.
 pub(in crate::program) fn rule(name: &str) -> Option<Rule> {
     Some(match name {
         "detached"

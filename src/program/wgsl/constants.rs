@@ -102,8 +102,8 @@ impl Composition<'_> {
 
     /// The numbers of the cells.
     fn numbers_of_cells(&self, constants: &mut Constants) {
-        for (i, name) in (0..).zip(LEDGER_CELLS) {
-            constants.uint(name, i);
+        for (cell, name) in LEDGER_CELLS {
+            constants.uint(name, cell as u32);
         }
         constants.uint("CELL_SURFACES", self.cells.surfaces);
         constants.uint("COUNTER_REACHED", self.cells.reached);

@@ -134,6 +134,7 @@ const SLOTS: &[Slot] = slots! { c;
     "geometry/mesh"             [none]                                !c.has_meshes() => none;
     "geometry/mesh_rows"        [f32, f64]                            c.has_meshes() => either(c.is_f32(), f32, f64);
     "geometry/edges"            [f32, exact]                          c.has_meshes() => either(c.is_f32(), f32, exact);
+    "sources/accepted"          [plain]                               c.f.sources.contains(&SourceFunction::CollimatedGaussian) => plain;
     "sources/aimed"             [table, none]                         c.f.sources.contains(&SourceFunction::Pupil) => either(c.f.aimed, table, none);
     "geometry/clip"             [table, none]                         c.f.can_clip() => either(c.f.clips, table, none);
     "geometry/sag"              [search]                              c.f.has_sags() => search;

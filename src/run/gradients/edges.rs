@@ -155,7 +155,7 @@ pub(super) fn check(
         let shaders = Shaders { cache, edit: None };
         Tracer::with(gpu, ir, &options, ForAdapter::WhatPays, shaders)?.trace(|_| true)
     };
-    let [more, less] = scaled.farthest();
+    let [less, more] = scaled.farthest();
     // A quantum is a share of all flux, which the parameter may change.
     let worth = more.emitted_flux() / less.emitted_flux();
     let [more, less] = [traced(more)?, traced(less)?];

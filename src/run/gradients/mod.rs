@@ -384,6 +384,11 @@ impl Differentiated {
                         _ => of_buffer.map(|(_, reals)| reals),
                     };
                     let given = &walked.numbers[at..at + num];
+                    let num_slopes = reals.map_or(0, Vec::len);
+                    if num_slopes != 0 && num_slopes != *num {
+                        let what = format!("{num} adjoints for {num_slopes} numbers of binding {binding}");
+                        return Err(Error::Internal(what));
+                    }
                     let products =
                         reals.into_iter().flatten().zip(given).map(|(slope, adjoint)| slope * adjoint);
                     value += unit / scaled.size * products.sum::<f64>();

@@ -89,7 +89,8 @@ impl Scaled {
         Ok(Scaled { parameter: Parameter { name: name.to_owned(), stencil }, size, ends })
     }
 
-    /// The two scenes of the stencil that lie farthest apart; of more and less, less comes first.
+    /// The two scenes of the stencil that lie farthest apart: the one with less of the parameter, then the one with more. Of a
+    /// stencil on one side, the farthest scene comes first, then the traced one.
     pub(super) fn farthest(&self) -> [&SceneIr; 2] {
         let stencil = &self.parameter.stencil;
         let last = stencil.len() - 1;

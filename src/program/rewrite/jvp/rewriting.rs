@@ -22,7 +22,7 @@ const MOST_UNIFORMS: usize = 12;
 pub(in crate::program) struct NewFunction {
     /// As it was.
     pub(in crate::program) plain: Handle<Function>,
-    /// The twin with tangents. `None` if reals neither go in nor come out.
+    /// The twin with tangents. `None` if no tangent can go in, come out, or be noted within.
     pub(in crate::program) with_tangents: Option<Handle<Function>>,
 }
 

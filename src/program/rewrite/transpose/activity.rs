@@ -96,11 +96,11 @@ impl Search<'_, '_> {
             self.varies(*argument);
         });
         let varies = match rule(self.shared.name(function)) {
-            Some(Rule::Note) => {
-                self.found.has_effects |= self.varies(arguments[1]);
-                false
+            Some(rule) => {
+                let varies = rule.sees(arguments).is_some_and(|argument| self.varies(argument));
+                self.found.has_effects |= varies && rule == Rule::Note;
+                varies && rule != Rule::Note
             }
-            Some(rule) => rule.differentiated(arguments).is_some_and(|argument| self.varies(argument)),
             None => {
                 let mask = self.shared.mask(self.function, arguments, &self.found.varied);
                 for (argument, varies) in arguments.iter().zip(&mask) {

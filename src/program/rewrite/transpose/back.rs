@@ -279,8 +279,12 @@ impl<'r, 'm> Back<'r, 'm> {
         member
     }
 
-    /// Goes back over statements, which end where the function does: what follows a branch that may return stands within its
-    /// other branches.
+    /// Goes back over statements, which end where the function does. What follows a branch that may return is written once in
+    /// each branch, and only one of these copies runs.
+    ///
+    /// The block that computes a value is the value's home. An adjoint is an expression as long as all uses of the value stand
+    /// in that block. Uses in inner blocks add to a variable, which `take` adds where the value is computed. No block runs twice, so
+    /// the variable is never set back.
     pub(super) fn list(&mut self, statements: &[&'m Statement], out: &mut Block) -> Result<()> {
         let statements = flat(statements);
         self.num_blocks += 1;

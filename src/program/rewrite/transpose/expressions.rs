@@ -66,6 +66,7 @@ impl Back<'_, '_> {
         ty: Handle<Type>,
         out: &mut Block,
     ) -> Result<()> {
+        // Parts stay parts here, so that no zeros of a struct are added.
         match *change {
             Linear::Of(old) => {
                 self.contribute(old, adjoint, out);

@@ -8,7 +8,7 @@ use naga::{ArraySize, GlobalVariable, Handle, Module, Scalar, Type, TypeInner};
 /// finite, and loops cut short.
 pub const NUM_OTHER_SUMS: usize = 3;
 
-/// True of a variable whose reals are numbers of the scene, and have adjoints.
+/// True of a variable whose reals have adjoints: numbers of the scene, and what an invocation keeps.
 pub(super) fn has_adjoint(module: &Module, variable: &GlobalVariable) -> bool {
     let is_sized = !matches!(
         module.types[variable.ty].inner,

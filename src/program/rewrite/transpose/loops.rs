@@ -210,7 +210,7 @@ impl Transposer<'_> {
                 Expression::AccessIndex { base, index } if *base == value => {
                     used.iter_mut().for_each(|used| used.push(*index));
                 }
-                other if operands(other).contains(&value) => *used = None,
+                other if read_by(other).contains(&value) => *used = None,
                 _ => {}
             }
         }
@@ -220,11 +220,16 @@ impl Transposer<'_> {
     fn add_used_by_calls(&self, block: &Block, value: Handle<Expression>, used: &mut Option<Vec<u32>>) {
         for statement in block.iter() {
             match statement {
-                Statement::Call { function, arguments, .. } => {
-                    for (index, _) in (0..).zip(arguments).filter(|(_, argument)| **argument == value) {
-                        self.add_used(*function, index, used);
+                Statement::Call { function, arguments, .. } => match rule(self.name(*function)) {
+                    // What a rule says of a function does not follow from the function's text.
+                    Some(rule) if rule.sees(arguments) == Some(value) => *used = None,
+                    Some(_) => {}
+                    None => {
+                        for (index, _) in (0..).zip(arguments).filter(|(_, argument)| **argument == value) {
+                            self.add_used(*function, index, used);
+                        }
                     }
-                }
+                },
                 Statement::Store { value: stored, .. } if *stored == value => *used = None,
                 Statement::Return { value: Some(returned) } if *returned == value => *used = None,
                 _ => inner_blocks(statement).for_each(|block| self.add_used_by_calls(block, value, used)),
@@ -232,7 +237,8 @@ impl Transposer<'_> {
         }
     }
 
-    /// True if a function reads numbers of the scene, or what a function left in a variable, itself or by what it calls.
+    /// True if a function, or one that it calls, names a variable that has a twin. Such a variable holds numbers of the scene, or
+    /// what an invocation keeps.
     fn reads_twins(&self, function: Handle<Function>) -> bool {
         let old = &self.module.functions[function];
         let reads = old.expressions.iter().any(|(_, expression)| match expression {
@@ -267,7 +273,8 @@ impl Transposer<'_> {
     }
 }
 
-fn operands(expression: &Expression) -> Vec<Handle<Expression>> {
+/// All values that an expression reads, also those whose changes do not count.
+fn read_by(expression: &Expression) -> Vec<Handle<Expression>> {
     match expression {
         Expression::Access { base, index } => vec![*base, *index],
         Expression::Swizzle { vector: base, .. }

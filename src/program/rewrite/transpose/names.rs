@@ -17,7 +17,8 @@ pub(super) const LOST: &str = "lost";
 /// Ends the name of a function that goes a way and back.
 pub(super) const BACK: &str = "_back";
 
-/// Private variables that belong to the pass, and have no adjoints.
+/// Private variables that belong to the pass, and have no adjoints. Any other private variable with reals has a twin for its
+/// adjoint. Each event must write such a variable before it reads it: an event is walked back alone.
 pub(super) const OF_PASS: [&str; 5] = ["last_hit", "noted", LOST, CUT_LOOPS, FORWARD_NOTED];
 
 /// The error of a function that does something for which there is no way back.

@@ -4,7 +4,8 @@ use crate::program::rewrite::function_builder::inner_blocks_mut;
 use naga::{AddressSpace, Block, Expression, Function, GlobalVariable, Handle, Module, Statement};
 use std::collections::HashSet;
 
-/// The module without atomics, and without writes to what invocations share. What an atomic would have given is zero.
+/// The module without atomics, and without writes to what invocations share. What an atomic would have given is zero, so
+/// that no loop may wait for an atomic.
 pub(super) fn strip_side_effects(module: &Module) -> Module {
     let mut stripped = module.clone();
     let is_shared = |space: AddressSpace| !matches!(space, AddressSpace::Private | AddressSpace::Function);
