@@ -1,8 +1,8 @@
 """Scene files -> live scenes.
 
 Optiland's own ``from_json`` knows nothing of the ``nsq_gpu`` block and leaves a source's medium as a string. This
-module imports no other one of the package, but where a scene has a source, a shape, a coating or a scattering law of its own, or
-a flux in lumens: ``nsq-bench`` carries it alone.
+module imports no other one of the package, but where a scene has a source, a shape, a coating or a scattering law of its own,
+a flux in lumens, or a type without a class: ``nsq-bench`` carries it alone.
 
 Which materials are one object matters to Optiland, because its medium stack compares identities: every component of
 version 1 resolves its own catalog glass, a medium of the block is one object per name, and the block's surfaces and
@@ -72,6 +72,22 @@ OVERRIDE_SLOTS: dict[str, dict[str, tuple[str, ...]]] = {
     "doublet": {"front": ("front",), "cemented": ("cemented",), "back": ("back",),
                 "edge": ("edge_crown", "edge_flint")},
     "mirror": {"surface": ("surface",)},
+}
+
+#: Classes of Optiland by the ``type`` in the file, but for those that are built of more than their keys.
+_SHAPES: dict[str, Any] = {
+    "conic": ConicGeometry,
+    "annulus": AnnularPlaneGeometry,
+    "frustum": CylindricalFrustumGeometry,
+    "sphere": SphereGeometry,
+}
+_BSDFS: dict[str, Any] = {"lambertian": LambertianBSDF, "harvey_shack": HarveyShackBSDF, "specular": SpecularBRDF}
+_SOURCES: dict[str, Any] = {"point": PointSourceConfig, "collimated": CollimatedSourceConfig, "extended": ExtendedSourceConfig}
+_DETECTORS: dict[str, Any] = {
+    "irradiance": IrradianceDetectorConfig,
+    "spectral": SpectralDetectorConfig,
+    "far_field": FarFieldDetectorConfig,
+    "ray_database": RayDatabaseConfig,
 }
 
 _STRING = r'"[^"\\]*(?:\\.[^"\\]*)*"'
@@ -176,6 +192,7 @@ def load_scene(path: str | Path) -> NSQScene:
     Raises:
         OSError: The file, or one that it names, cannot be read.
         ValueError: It is not UTF-8, not JSON, of another version, or holds what Optiland has not.
+        UnsupportedSceneError: It has a type for which there is no class in Python; the message has the place.
     """
     path = Path(path)
     return scene_from_dict(read_document(path), path.parent)
@@ -216,11 +233,11 @@ def scene_from_dict(document: Json, folder: Path | None = None) -> NSQScene:
     materials = Materials(block.get("media", {}))
     scene = NSQScene()
     _add_components(scene, document, block, materials, folder)
-    for spec in document.get("sources", []):
-        _add_source(scene, spec, materials, folder)
-    for spec in document.get("detectors", []):
+    for index, spec in enumerate(document.get("sources", [])):
+        _add_source(scene, spec, f"sources[{index}]", materials, folder)
+    for index, spec in enumerate(document.get("detectors", [])):
         extra = block.get("detectors", {}).get(spec["name"], {})
-        _add_detector(scene, spec, extra)
+        _add_detector(scene, spec, f"detectors[{index}]", extra)
     sampling = dict(block.get("sampling") or {})
     # Optiland's policy has no place for these.
     for key, attribute in (("guide", "guided_light"), ("scatter_prob", "scatter_prob"), ("scatter_to", "scatter_to")):
@@ -239,6 +256,21 @@ def _check_versions(document: Json, block: Json) -> None:
         raise ValueError(f"nsq_gpu.version is {block.get('version')!r}, not {BLOCK_VERSION}")
 
 
+def _class_of(spec: Json, classes: dict[str, Any], place: str) -> Any:
+    """Return the class of an object of the file, which stands at ``place`` there.
+
+    Raises:
+        UnsupportedSceneError: There is none of its type.
+    """
+    kind = spec["type"]
+    if kind not in classes:
+        from nsq_gpu.errors import UnsupportedSceneError
+
+        raise UnsupportedSceneError(f"{place}: the type {kind!r} has no class in Python, so the file cannot become a live scene; trace "
+                                    "the file itself by `nsq-gpu trace SCENE -o FOLDER`, and read its result by nsq_gpu.load(FOLDER)")
+    return classes[kind]
+
+
 def _frame(spec: Json) -> CoordinateSystem:
     reference = spec.get("reference_cs")
     placement = {key: spec.get(key, 0.0) for key in ("x", "y", "z", "rx", "ry", "rz")}
@@ -252,13 +284,13 @@ def _frame(spec: Json) -> CoordinateSystem:
 def _add_components(scene: NSQScene, document: Json, block: Json, materials: Materials, folder: Path) -> None:
     """Add v1 components and raw surfaces in the file's component order."""
     components = {spec["name"]: spec for spec in document.get("components", [])}
-    surfaces = {spec["name"]: spec for spec in block.get("surfaces", [])}
+    surfaces = {spec["name"]: (spec, f"nsq_gpu.surfaces[{index}]") for index, spec in enumerate(block.get("surfaces", []))}
     overrides = block.get("overrides", {})
     for name in block.get("order") or [*components, *surfaces]:
         if name in components:
             _add_compound(scene, components[name], overrides, materials, folder)
         else:
-            scene.add_component(name, _raw_surface(surfaces[name], materials, folder))
+            scene.add_component(name, _raw_surface(*surfaces[name], materials, folder))
 
 
 def _add_compound(scene: NSQScene, spec: Json, overrides: Json, materials: Materials, folder: Path) -> None:
@@ -272,7 +304,7 @@ def _add_compound(scene: NSQScene, spec: Json, overrides: Json, materials: Mater
         if any(override != chosen[0] for override in chosen):
             raise ValueError(f"Optiland cannot override {name}'s surfaces {parts} differently")
         if chosen[0] is not None:
-            config[slot] = _surface_config(chosen[0], folder)
+            config[slot] = _surface_config(chosen[0], f'nsq_gpu.overrides["{name}.{parts[0]}"]', folder)
     if "reflectance" in config:
         config["reflectance"] = reflectance(config["reflectance"])
     if kind == "lens":
@@ -283,10 +315,10 @@ def _add_compound(scene: NSQScene, spec: Json, overrides: Json, materials: Mater
         scene.add_mirror(name, _frame(spec["cs"]), MirrorConfig(**config))
 
 
-def _surface_config(spec: Json, folder: Path) -> SurfaceConfig:
+def _surface_config(spec: Json, place: str, folder: Path) -> SurfaceConfig:
     interaction = spec.get("interaction")
     return SurfaceConfig(
-        **_scattering(spec, folder),
+        **_scattering(spec, place, folder),
         coating=_coating(spec.get("coating")),
         interaction=InteractionType(interaction) if interaction else None,
         aperture_radius=spec.get("aperture_radius"),
@@ -315,9 +347,9 @@ def _coating(spec: Json | None) -> BaseCoating | None:
     return SimpleCoating(transmittance=spec["transmittance"], reflectance=spec["reflectance"])
 
 
-def _scattering(spec: Json, folder: Path) -> Json:
+def _scattering(spec: Json, place: str, folder: Path) -> Json:
     """Return the ``bsdf`` and the ``scatter_fraction`` of a surface."""
-    bsdf, fraction = _bsdf(spec.get("bsdf"), folder), spec.get("scatter_fraction")
+    bsdf, fraction = _bsdf(spec.get("bsdf"), f"{place}.bsdf", folder), spec.get("scatter_fraction")
     if fraction != "tis":
         return {"bsdf": bsdf, "scatter_fraction": 1.0 if fraction is None else fraction}
     if bsdf is None:
@@ -327,7 +359,7 @@ def _scattering(spec: Json, folder: Path) -> Json:
     return by_tis(bsdf)
 
 
-def _bsdf(spec: Json | None, folder: Path) -> Any:
+def _bsdf(spec: Json | None, place: str, folder: Path) -> Any:
     if spec is None:
         return None
     parameters = {key: value for key, value in spec.items() if key != "type"}
@@ -342,8 +374,7 @@ def _bsdf(spec: Json | None, folder: Path) -> Any:
 
         path = parameters.pop("path", None)
         return MeasuredBSDF(**parameters) if path is None else MeasuredBSDF.from_file(folder / path)
-    models: dict[str, Any] = {"lambertian": LambertianBSDF, "harvey_shack": HarveyShackBSDF, "specular": SpecularBRDF}
-    return models[spec["type"]](**parameters)
+    return _class_of(spec, _BSDFS, place)(**parameters)
 
 
 def _tabulated(spec: Json, folder: Path) -> TabulatedBSDF:
@@ -360,12 +391,12 @@ def _tabulated(spec: Json, folder: Path) -> TabulatedBSDF:
         return TabulatedBSDF(path, fraction)
 
 
-def _raw_surface(spec: Json, materials: Materials, folder: Path) -> BaseComponent:
-    frame, shape, name = _frame(spec["cs"]), _shape(spec["shape"], folder), spec["name"]
+def _raw_surface(spec: Json, place: str, materials: Materials, folder: Path) -> BaseComponent:
+    frame, shape, name = _frame(spec["cs"]), _shape(spec["shape"], f"{place}.shape", folder), spec["name"]
     front = materials.shared(spec.get("material_front"))
     if spec["interaction"] not in ("refractive", "reflective"):
         return AbsorbingComponent(frame, shape, front, name=name)
-    scatter = _scattering(spec, folder)
+    scatter = _scattering(spec, place, folder)
     if spec["interaction"] == "refractive":
         back = materials.shared(spec.get("material_back"))
         return RefractiveComponent(frame, shape, front, back, name=name, coating=_coating(spec.get("coating")),
@@ -376,7 +407,7 @@ def _raw_surface(spec: Json, materials: Materials, folder: Path) -> BaseComponen
     return ReflectiveComponent(frame, shape, reflects, material_front=front, name=name, **scatter)
 
 
-def _shape(spec: Json, folder: Path) -> Any:
+def _shape(spec: Json, place: str, folder: Path) -> Any:
     parameters = {key: value for key, value in spec.items() if key != "type" and value is not None}
     if spec["type"] == "plane":
         return FinitePlaneGeometry(**parameters) if parameters else PlaneGeometry()
@@ -398,13 +429,7 @@ def _shape(spec: Json, folder: Path) -> Any:
         from nsq_gpu.shapes import Biconic, Toroidal
 
         return (Biconic if spec["type"] == "biconic" else Toroidal)(**parameters)
-    shapes: dict[str, Any] = {
-        "conic": ConicGeometry,
-        "annulus": AnnularPlaneGeometry,
-        "frustum": CylindricalFrustumGeometry,
-        "sphere": SphereGeometry,
-    }
-    return shapes[spec["type"]](**parameters)
+    return _class_of(spec, _SHAPES, place)(**parameters)
 
 
 def _aperture(spec: Json) -> Any:
@@ -436,7 +461,7 @@ def _mesh(spec: Json, folder: Path) -> MeshGeometry:
     return MeshGeometry(mesh)
 
 
-def _add_source(scene: NSQScene, spec: Json, materials: Materials, folder: Path) -> None:
+def _add_source(scene: NSQScene, spec: Json, place: str, materials: Materials, folder: Path) -> None:
     frame, medium, lumens = _frame(spec["cs"]), spec.get("medium"), spec.get("total_flux_lumens")
     around = None if medium is None else materials.shared(medium)
     if spec["type"] == "tabulated":
@@ -455,7 +480,7 @@ def _add_source(scene: NSQScene, spec: Json, materials: Materials, folder: Path)
         # Optiland's own conversion has V in steps of 10 nm.
         spec = {**spec, "total_flux": watts(lumens, Spectrum(**spec["spectrum"]))}
     if spec["type"] != "pupil":
-        scene.add_source(spec["name"], frame, _source_config(spec, materials))
+        scene.add_source(spec["name"], frame, _source_config(spec, place, materials))
     else:
         from nsq_gpu.sources import Aim, PupilSource
 
@@ -486,9 +511,8 @@ def _lamp(spec: Json, frame: CoordinateSystem, medium: NSQMaterial | None, folde
     return lamp
 
 
-def _source_config(spec: Json, materials: Materials) -> Any:
-    configs = {"point": PointSourceConfig, "collimated": CollimatedSourceConfig, "extended": ExtendedSourceConfig}
-    config = configs[spec["type"]]
+def _source_config(spec: Json, place: str, materials: Materials) -> Any:
+    config = _class_of(spec, _SOURCES, place)
     fields = {field.name for field in dataclasses.fields(config)} - {"spectrum", "medium", "total_flux_lumens"}
     medium = spec.get("medium")
     return config(
@@ -498,10 +522,10 @@ def _source_config(spec: Json, materials: Materials) -> Any:
     )
 
 
-def _add_detector(scene: NSQScene, spec: Json, extra: Json) -> None:
+def _add_detector(scene: NSQScene, spec: Json, place: str, extra: Json) -> None:
     frame = _frame(spec["cs"])
     if not spec.get("sphere"):
-        scene.add_detector(spec["name"], frame, _detector_config(spec, extra))
+        scene.add_detector(spec["name"], frame, _detector_config(spec, place, extra))
     else:
         from nsq_gpu.detectors import SphereFarField
 
@@ -513,15 +537,9 @@ def _add_detector(scene: NSQScene, spec: Json, extra: Json) -> None:
         live.color = spec["color"]
 
 
-def _detector_config(spec: Json, extra: Json) -> Any:
-    configs = {
-        "irradiance": IrradianceDetectorConfig,
-        "spectral": SpectralDetectorConfig,
-        "far_field": FarFieldDetectorConfig,
-        "ray_database": RayDatabaseConfig,
-    }
+def _detector_config(spec: Json, place: str, extra: Json) -> Any:
     # The one pair of names that differs between v1 and the config.
     names = {"num_bins_theta": "num_theta", "num_bins_phi": "num_phi"} if spec["type"] == "far_field" else {}
     parameters = {names.get(key, key): value for key, value in spec.items()
                   if key not in ("type", "name", "cs", "sphere", "color") and value is not None}
-    return configs[spec["type"]](**parameters, **extra)
+    return _class_of(spec, _DETECTORS, place)(**parameters, **extra)

@@ -215,8 +215,9 @@ fn scattered_shares(surface: &Surface) -> [Share; 2] {
         // A mirror takes its part before it scatters.
         _ if is_mirror => [Share::Reflected; 2],
         Some(Bsdf::Lambertian(_)) => [Share::Either; 2],
+        None => [Share::Mixed; 2],
         // A table is read at the angle of the drawn ray, and its lobe is about the normal.
-        Some(Bsdf::Tabulated(_)) | None => [Share::Mixed; 2],
+        Some(lobe) if lobe.is_about_normal() => [Share::Mixed; 2],
         // About the drawn ray, or about its mirror image on the other side.
         Some(lobe) if lobe.transmissive_fraction() >= 1.0 => [Share::Transmitted, Share::Reflected],
         Some(lobe) if lobe.transmissive_fraction() <= 0.0 => [Share::Reflected, Share::Transmitted],

@@ -151,9 +151,7 @@ fn weak_mirror(surface: &Surface, Scatter { fraction, bsdf }: &Scatter) -> Optio
     const MIRRORS: f64 = 0.5;
     let Interaction::Reflective { .. } = surface.interaction else { return None };
     let level = bsdf.by_tis().map_or(1.0, |(tis, _)| tis);
-    // The lobes of other kinds take no level from their numbers.
-    let takes_level = matches!(bsdf, Bsdf::Lambertian(_) | Bsdf::Tabulated(_) | Bsdf::Measured(_));
-    let scattered = fraction * if takes_level { level } else { 1.0 };
+    let scattered = fraction * if bsdf.keeps_level() { level } else { 1.0 };
     let mirrored = 1.0 - fraction;
     let returned = reflectance(surface, 0) * (mirrored + scattered);
     let is_perfect = reflectance(surface, 0) >= 1.0;

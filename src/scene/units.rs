@@ -32,7 +32,7 @@ const DEGREES: [(&str, f64); 4] = [("deg", 1.0), ("°", 1.0), ("arcmin", 60.0), 
 const RADIANS: [(&str, f64); 3] = [("rad", 1.0), ("mrad", 1e3), ("urad", 1e6)];
 
 /// Keys of lengths, beside the keys of frames and keys that end in `radius`.
-const LENGTH_KEYS: [&str; 14] = [
+const LENGTH_KEYS: [&str; 16] = [
     "thickness",
     "thickness1",
     "thickness2",
@@ -44,6 +44,8 @@ const LENGTH_KEYS: [&str; 14] = [
     "r_front",
     "r_back",
     "gaussian_sigma",
+    "semi_axis_x",
+    "semi_axis_y",
     "r1",
     "r2",
     "r3",

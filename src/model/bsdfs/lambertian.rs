@@ -63,6 +63,10 @@ impl Scattering for Lambertian {
         true
     }
 
+    fn keeps_level(&self) -> bool {
+        true
+    }
+
     fn by_tis(&self) -> Option<(f64, Bsdf)> {
         let white = Lambertian { reflectance_value: 1.0, ..self.clone() };
         Some((self.reflectance_value, Bsdf::Lambertian(white)))

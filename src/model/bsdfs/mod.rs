@@ -47,7 +47,7 @@ kinds! {
     Measured(measured::Measured) by Measured(6) = MEASURED;
     /// Cat's eyes: the example of docs/adding-a-kind.md.
     #[cfg(test)]
-    Retro(retro::Retro) by #[cfg(test)] Retro(7) = RETRO;
+    Retro(retro::Retro) by #[cfg(test)] Retro(1000) = RETRO;
 }
 
 /// Distances of direction cosines reach from 0 to 2.
@@ -116,6 +116,11 @@ pub trait Scattering: std::fmt::Debug {
     /// level that was written. `None` for a BSDF without a level.
     fn by_tis(&self) -> Option<(f64, Bsdf)> {
         None
+    }
+
+    /// True if a plain trace scatters as much as the BSDF's own numbers say, also without `"scatter_fraction": "tis"`.
+    fn keeps_level(&self) -> bool {
+        false
     }
 
     /// What the user should know of it on a surface of this name and interaction.

@@ -137,6 +137,10 @@ impl Scattering for Tabulated {
         true
     }
 
+    fn keeps_level(&self) -> bool {
+        true
+    }
+
     fn by_tis(&self) -> Option<(f64, Bsdf)> {
         let tis = if self.table.theta_i[0] == 0.0 { self.table.albedo(0) } else { 0.0 };
         let values = self.table.values.iter().map(|value| value / tis).collect();

@@ -164,6 +164,10 @@ impl Scattering for Measured {
         true
     }
 
+    fn keeps_level(&self) -> bool {
+        true
+    }
+
     fn by_tis(&self) -> Option<(f64, Bsdf)> {
         let tis = self.level * self.table.rows[0].scattered;
         Some((tis, Bsdf::Measured(Measured { level: self.level / tis, ..self.clone() })))
