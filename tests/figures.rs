@@ -402,3 +402,56 @@ fn the_command_judges_and_exports() {
     assert!(stderr(&refused).contains("\"sphere\": true"), "{}", stderr(&refused));
     assert!(run(&["export", &path("b"), "--ies", &path("b.ies"), "--forward"]).status.success());
 }
+
+/// A cone's light is weighted by solid angle: of a point that shines evenly, and of a cone within the first bin.
+#[test]
+fn a_cone_has_its_share_of_the_solid_angle() {
+    let point = |half_angle: f64| {
+        json!({"type": "point", "name": "lamp", "cs": {}, "half_angle_deg": half_angle, "total_flux": 1.0,
+            "spectrum": {"wavelengths": [0.555], "weights": [1.0]}})
+    };
+    let far = json!({"type": "far_field", "name": "far", "cs": {"z": 5.0}, "num_bins_theta": 9, "num_bins_phi": 36});
+    let result = traced(&text(&[point(90.0)], &[far]), 400_000, 3);
+    for half_angle in [3.0_f64, 17.0, 35.0, 61.0] {
+        let figures = judged(&result, "far", &[Region::cone(half_angle)]);
+        let share = &figures.regions[0].figures["share"];
+        let right = 1.0 - half_angle.to_radians().cos();
+        assert!(off(share, right).abs() < 4.0, "{half_angle}: {share:?}, not {right}");
+    }
+}
+
+/// A lamp that shines to one side, by a prime number of azimuths: no plane borrows light from the other side.
+#[test]
+fn a_prime_number_of_azimuths_keeps_the_sides_of_a_lamp_apart() {
+    let lamp = json!({"type": "tabulated", "name": "lamp", "cs": {}, "polar_angles_deg": [0, 90],
+        "azimuth_angles_deg": [0, 90, 180, 270, 360],
+        "intensity": [[100, 100], [0, 0], [0, 0], [0, 0], [100, 100]], "intensity_units": "cd",
+        "spectrum": {"wavelengths": [0.555], "weights": [1.0]}});
+    let far = json!({"type": "far_field", "name": "far", "cs": {"z": 5.0}, "num_bins_theta": 18, "num_bins_phi": 37});
+    let result = traced(&text(&[lamp], &[far]), 200_000, 3);
+    let exported = lamp_of(&result, found(&result, "far"), true).unwrap();
+    let at = |azimuth: f64| {
+        let plane = exported.azimuth_angles_deg.iter().position(|a| (a - azimuth).abs() < 5.0).unwrap();
+        let polar = exported.polar_angles_deg.iter().position(|a| (a - 57.5).abs() < 0.1).unwrap();
+        exported.intensity[plane][polar]
+    };
+    assert!(at(0.0) > 90.0 && at(180.0) < 5.0, "{} and {} cd", at(0.0), at(180.0));
+}
+
+/// Programs join the points of a table by lines, which gives a narrow beam no more light than it has. Angles that bins do not
+/// resolve are said.
+#[test]
+fn a_narrow_beam_is_exported_with_its_lumens() {
+    let point = json!({"type": "point", "name": "lamp", "cs": {}, "half_angle_deg": 0.9, "total_flux": 1.0,
+        "spectrum": {"wavelengths": [0.555], "weights": [1.0]}});
+    let far = json!({"type": "far_field", "name": "far", "cs": {"z": 50.0}});
+    let result = traced(&text(&[point], &[far]), 100_000, 3);
+    let lumens = found(&result, "far").luminous.as_ref().unwrap().flux_lm;
+    let exported = lamp_of(&result, found(&result, "far"), true).unwrap();
+    assert!((exported.lumens() / lumens - 1.0).abs() < 1e-9, "{} for {lumens} lm", exported.lumens());
+    let remarks = judged(&result, "far", &[]).remarks;
+    assert!(
+        remarks.iter().any(|remark| remark.contains("beam_angle_deg is less than five bins")),
+        "{remarks:?}"
+    );
+}

@@ -178,7 +178,8 @@ fn check_difference(text: &str, name: &str, step: f64, options: &TraceOptions, h
     let rms = (scores.iter().map(|score| score * score).sum::<f64>() / scores.len() as f64).sqrt();
     let worst = scores.iter().fold(0.0, |worst: f64, score| worst.max(score.abs()));
     // Both sides draw alike, so most differ by less than chance. One in a thousand tables of 64 pixels has a worse rms.
-    assert!(rms < 1.3 && worst < 4.5, "{name}: {rms} {worst}");
+    let at = scores.iter().position(|score| score.abs() == worst);
+    assert!(rms < 1.3 && worst < 4.5, "{name}: {rms} {worst} at {at:?}\n{scores:.1?}");
     num_seen
 }
 

@@ -254,3 +254,34 @@ fn a_scene_takes_a_lamps_file() {
         assert!(error.contains(problem), "{error}");
     }
 }
+
+/// Where a filter dims one wavelength, weights differ by wavelength, and the error of lumens is still the scatter over seeds.
+#[test]
+fn errors_of_lumens_hold_where_wavelengths_are_dimmed() {
+    // ln(10) / (4 pi L / lambda), so that 10 % of one wavelength passes.
+    let k = |wavelength: f64| 10.0_f64.ln() * wavelength * 1e-3 / (4.0 * PI * 10.0);
+    for (weights, extinction) in [([0.01, 0.99], [0.0, k(0.65)]), ([0.5, 0.5], [k(0.555), 0.0])] {
+        let text = json!({"nsq_schema_version": 1, "components": [],
+            "sources": [{"type": "collimated", "name": "beam", "cs": {"z": -10.0}, "total_flux": 1.0, "medium": {"type": "medium", "name": "filter"},
+                "spectrum": {"wavelengths": [0.555, 0.65], "weights": weights}}],
+            "detectors": [{"type": "irradiance", "name": "screen", "cs": {}, "width": 4.0, "height": 4.0, "num_pixels_x": 1,
+                "num_pixels_y": 1}],
+            "nsq_gpu": {"version": 1, "media": {"filter": {"type": "table", "wavelengths": [0.555, 0.65], "n": [1.0, 1.0],
+                "k": extinction}}}});
+        let ir = lowered(&text.to_string());
+        let apart = keep_apart(&ir).unwrap();
+        let lumens: Vec<(f64, f64)> = (0..24)
+            .map(|seed| {
+                let options = options(20_000, seed);
+                let result = result(&apart, &options, &zoo::trace(&apart, &options));
+                let screen = seen(&result, "screen");
+                (screen.flux_lm, screen.flux_lm_standard_error.unwrap())
+            })
+            .collect();
+        let mean = lumens.iter().map(|(flux, _)| flux).sum::<f64>() / 24.0;
+        let spread = (lumens.iter().map(|(flux, _)| (flux - mean).powi(2)).sum::<f64>() / 23.0).sqrt();
+        let stated = lumens.iter().map(|(_, error)| error).sum::<f64>() / 24.0;
+        // The spread of 24 numbers is itself known to 15 %.
+        assert!((spread / stated - 1.0).abs() < 0.5, "{weights:?}: stated {stated}, spread {spread}");
+    }
+}

@@ -349,3 +349,32 @@ fn what_cannot_be_is_named() {
     let warnings = read(folder.path(), &shifted).unwrap().warnings;
     assert!(warnings.iter().any(|warning| warning.contains("at most 10 nm off")), "{warnings:?}");
 }
+
+/// A text file says neither W nor lm. Where the scene says lumens, fluxes of rays are lumens.
+#[test]
+fn fluxes_of_a_text_file_are_lumens_if_the_scene_says_lumens() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("rays.dat"), "2 4\n10 0 0 0 0 1 1.0 0.45\n-10 0 0 0 0 1 1.0 0.55\n")
+        .unwrap();
+    let screen = |name: &str, x: f64| {
+        json!({"type": "irradiance", "name": name, "cs": {"x": x, "z": 1.0}, "width": 10.0, "height": 10.0,
+            "num_pixels_x": 1, "num_pixels_y": 1})
+    };
+    let fluxes = |given: &str| -> Vec<f64> {
+        let mut source = json!({"type": "rays", "name": "L", "file": "rays.dat", "cs": {},
+            "spectrum": {"wavelengths": [0.45, 0.55], "weights": [1, 1]}});
+        source[given] = json!(100.0);
+        let scene = json!({"nsq_schema_version": 1, "components": [], "sources": [source],
+            "detectors": [screen("blue", 10.0), screen("green", -10.0)]});
+        let ir = lowered(folder.path(), &scene);
+        let result = traced(&ir, 40_000, Precision::F64);
+        result.detectors.iter().map(|detector| detector.total_flux).collect()
+    };
+    let [blue, green] = fluxes("total_flux")[..] else { panic!() };
+    assert!((blue / green - 1.0).abs() < 0.05, "{blue} and {green} W");
+    let [blue, green] = fluxes("total_flux_lumens")[..] else { panic!() };
+    // Equal lumens, so that watts are as the eye's efficacies at 550 and 450 nm.
+    let right = nsq_gpu::model::photometry::luminous_efficiency(0.55)
+        / nsq_gpu::model::photometry::luminous_efficiency(0.45);
+    assert!((blue / green / right - 1.0).abs() < 0.1, "{blue} and {green} W, not {right} to 1");
+}

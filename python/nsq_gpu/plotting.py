@@ -191,17 +191,17 @@ def _draw_map(ax: Any, found: Any, values: np.ndarray, label: str, norm: Any, wh
 def in_equal_solid_angles(values: np.ndarray, theta: np.ndarray) -> np.ndarray:
     """Return a far field in cells of about equal solid angle, shown in its own cells, as ``nsq-gpu figures`` judges it.
 
-    In each ring so many neighbours share their mean as together have at least the solid angle of the largest cell: the least
-    divisor of the ring's cells that is enough. So single rays near the pole make no spikes.
+    Cells of a ring go into groups of neighbours, which share their mean. A group has on average at least the solid angle of the
+    largest cell. So single rays near the pole make no spikes.
     """
     num = values.shape[1]
     sizes = -np.diff(np.cos(np.deg2rad(np.linspace(*_edges(theta), len(theta) + 1))))
-    divisors = [together for together in range(1, num + 1) if num % together == 0]
     shown = np.empty_like(values)
     for ring, row, share in zip(shown, values, sizes / sizes.max(), strict=True):
         # Rounding must not double a cell of the full size.
-        together = next((count for count in divisors if count * share >= 1.0 - 1e-9), num)
-        ring[:] = row.reshape(-1, together).mean(axis=1).repeat(together)
+        groups = min(max(int(num * share * (1.0 + 1e-9)), 1), num)
+        bounds = np.arange(groups + 1) * num // groups
+        ring[:] = (np.add.reduceat(row, bounds[:-1]) / np.diff(bounds)).repeat(np.diff(bounds))
     return shown
 
 

@@ -308,11 +308,14 @@ def test_a_far_field_goes_to_a_lamps_file_and_back(result: nsq_gpu.Result, tmp_p
     path = tmp_path / f"lamp.{ending}"
     result.export_lamp(path, forward=True)
     back = TabulatedSource.from_file(path, cs=cs(), spectrum=WHITE, binary=live.binary())
-    assert back.table.flux == pytest.approx(result.detectors["sky"].luminous_flux, rel=0.02)
+    # The table is scaled to the lumens that were measured. EULUMDAT states them to four digits or so.
+    assert back.table.flux == pytest.approx(result.detectors["sky"].luminous_flux, rel=0.002)
     shown = in_equal_solid_angles(result.detectors["sky"].luminous_intensity, result.detectors["sky"].theta)
     # EULUMDAT has four digits or so for 1,000 lm.
     at_bins = back.table.at(result.detectors["sky"].theta[:, None], result.detectors["sky"].phi % 360.0)
-    assert np.allclose(at_bins, shown, atol=0.002 * shown.max())
+    scale = at_bins.sum() / shown.sum()
+    assert scale == pytest.approx(1.0, abs=0.02)
+    assert np.allclose(at_bins, scale * shown, atol=0.002 * shown.max())
     with pytest.raises(nsq_gpu.UsageError, match="exists; overwrite=True replaces it"):
         result.export_lamp(path, forward=True)
     result.export_lamp(str(path), "sky", forward=True, overwrite=True)

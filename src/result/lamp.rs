@@ -47,7 +47,7 @@ pub fn lamp_of(result: &TraceResult, detector: &Detector, is_forward: bool) -> R
         ("OTHER", format!("luminous flux {flux}; {rays}; cells of equal solid angle")),
         ("_FILEGENTYPE", "1.0001".into()),
     ];
-    Ok(Lamp {
+    let mut lamp = Lamp {
         polar_angles_deg,
         azimuth_angles_deg,
         intensity,
@@ -56,7 +56,13 @@ pub fn lamp_of(result: &TraceResult, detector: &Detector, is_forward: bool) -> R
         lamp_lumens: None,
         watts: None,
         remarks: Vec::new(),
-    })
+    };
+    // Bins are means, and programs join the table's points by lines: narrow beams would gain light.
+    let scale = seen.flux_lm / lamp.lumens();
+    if scale.is_finite() {
+        lamp.intensity.iter_mut().flatten().for_each(|candela| *candela *= scale);
+    }
+    Ok(lamp)
 }
 
 /// Polar angles, azimuths, and intensities: a row for each azimuth.

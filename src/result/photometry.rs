@@ -141,7 +141,9 @@ pub(crate) fn of_detectors(
             _ => return Ok(None),
         };
         let is_intensity = as_written.kind.grid().is_none();
-        let through = received(ir, apart, &tally.detectors[number].quanta);
+        let seen_by = &tally.detectors[number];
+        // Squares of weights have shares of their own: dim light of a wavelength weighs less in these.
+        let through = [&seen_by.quanta, &seen_by.squares].map(|sums| received(ir, apart, sums));
         let seen = |function: &dyn Fn(f64) -> f64| -> Result<Option<Weighted>> {
             let weights: Vec<f64> = ir.wavelengths.iter().map(|&wavelength| function(wavelength)).collect();
             let mut cells = weighted(apart, &tally.detectors[number], Some(&weights));
@@ -178,12 +180,18 @@ pub(crate) fn of_detectors(
     (0..ir.detectors.len()).map(of).collect()
 }
 
-/// Moments of each source's light by a function of the wavelength. Each wavelength takes part by what the detector gets of it.
-fn totals(ir: &SceneIr, totals: &[Moments], through: &[f64], function: &dyn Fn(f64) -> f64) -> Vec<Moments> {
+/// Moments of each source's light by a function of the wavelength. Each wavelength takes part by what the detector gets of it:
+/// by sums of weights, and by sums of their squares.
+fn totals(
+    ir: &SceneIr,
+    totals: &[Moments],
+    [through, through_squared]: &[Vec<f64>; 2],
+    function: &dyn Fn(f64) -> f64,
+) -> Vec<Moments> {
     let scaled = |quanta: u128, factor: f64| (quanta as f64 * factor).ceil() as u128;
     let of_source = |(moments, source): (&Moments, &Source)| Moments {
         quanta: scaled(moments.quanta, mean_over(ir, source, through, function, 1)),
-        squares: scaled(moments.squares, mean_over(ir, source, through, function, 2)),
+        squares: scaled(moments.squares, mean_over(ir, source, through_squared, function, 2)),
     };
     totals.iter().zip(&ir.sources).map(of_source).collect()
 }

@@ -2,8 +2,9 @@
 
 use std::collections::{HashMap, HashSet};
 
+use crate::format::significant;
 use crate::model::place::quoted;
-use crate::model::{Interaction, MediumId, Mesh};
+use crate::model::{Interaction, Medium, MediumId, Mesh};
 use crate::scene::coincidence;
 use crate::scene::json::{Detector, Material, ReflectProb, SceneFile};
 use crate::scene::materials::listed;
@@ -23,6 +24,7 @@ pub(super) fn of(
     warnings.extend(file.detectors.iter().filter_map(|detector| wavelengths_beyond(detector, wavelengths)));
     warnings.extend(coincidence::warnings(file, surfaces, meshes, media));
     warnings.extend(one_branch(file, surfaces));
+    warnings.extend(surfaces.iter().filter_map(|surface| metal(surface, media)));
     warnings.extend(file.sources.iter().filter_map(|source| source.kind().warning(source.name())));
     warnings
 }
@@ -117,4 +119,58 @@ fn one_branch(file: &SceneFile, surfaces: &[SceneSurface]) -> Option<String> {
         "with this reflect_prob no ray takes the {missing} of a refractive surface, beyond its first split_depth events: that \
          light is missing, and counted as importance loss"
     ))
+}
+
+/// A face between media of which one absorbs so much that the reflectance is not Fresnel's of n alone.
+fn metal(surface: &SceneSurface, media: &MediaTable) -> Option<String> {
+    /// A reflectance at normal incidence that is off by less is no metal's.
+    const OFF: f64 = 0.01;
+    if surface.interaction != Interaction::Refractive || surface.coating.is_some() {
+        return None;
+    }
+    let [front, back] = [media.id(&surface.front)?, media.id(&surface.back)?].map(|id| &media.media[id]);
+    let number = |medium: &Medium, i: usize| Some((*medium.n.get(i)?, *medium.k.get(i)?));
+    (0..front.n.len()).find_map(|i| {
+        let ((n1, k1), (n2, k2)) = (number(front, i)?, number(back, i)?);
+        let by_n = ((n1 - n2) / (n1 + n2)).powi(2);
+        let right = ((n1 - n2).powi(2) + (k1 - k2).powi(2)) / ((n1 + n2).powi(2) + (k1 + k2).powi(2));
+        (right - by_n > OFF).then(|| {
+            let metal = if k2 > k1 { back } else { front };
+            format!(
+                "{} reflects {} % at normal incidence, for a refractive face takes the index n of {} alone; with its k of {} the                  face would reflect {} %: make it a mirror of that reflectance, or give it a coating",
+                quoted(&surface.name),
+                significant(100.0 * by_n, 3),
+                quoted(&metal.name),
+                significant(k1.max(k2), 3),
+                significant(100.0 * right, 3)
+            )
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::Scene;
+    use crate::model::Precision;
+    use serde_json::json;
+
+    /// Aluminium reflects 92 % by n and k, and 7 % by n.
+    #[test]
+    fn a_metal_that_refracts_is_said() {
+        let warnings = |k: f64| {
+            let face = json!({"name": "front", "shape": {"type": "plane", "width": 100, "height": 100}, "cs": {},
+                "interaction": "refractive", "material_back": {"type": "medium", "name": "metal"}});
+            let text = json!({"nsq_schema_version": 1, "components": [], "detectors": [],
+                "sources": [{"type": "collimated", "name": "beam", "cs": {"z": -5.0}, "total_flux": 1.0,
+                    "spectrum": {"wavelengths": [0.55], "weights": [1.0]}}],
+                "nsq_gpu": {"version": 1, "media": {"metal": {"type": "constant", "n": 0.591, "k": k}}, "surfaces": [face]}});
+            Scene::from_json(&text.to_string()).unwrap().warnings_in(Precision::F64).join("; ")
+        };
+        let found = warnings(5.28);
+        assert!(
+            found.contains("`front` reflects 6.61 %") && found.contains("would reflect 92.2 %"),
+            "{found}"
+        );
+        assert!(!warnings(0.01).contains("would reflect"));
+    }
 }

@@ -3,7 +3,7 @@
 use crate::result::detectors::{CellMap, Span};
 use crate::result::picture::polar;
 use crate::result::{Detector, SpectralMap};
-use ndarray::{Array2, Axis, Ix2};
+use ndarray::{Array2, Axis, Ix2, s};
 
 /// How the cells of a field lie in the plane of a plot.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -252,10 +252,13 @@ impl Field {
     /// share their light have one error.
     pub fn of_equal_solid_angles(&self) -> Field {
         let variances = Array2::from_shape_fn(self.dim(), |cell| self.known_error(cell).powi(2));
-        let num = polar::neighbours(&self.measure, self.dim().1);
+        let columns = self.dim().1;
         let mut sigma = polar::in_equal_solid_angles(&variances, &self.measure);
-        for (mut row, num) in sigma.outer_iter_mut().zip(num) {
-            row.mapv_inplace(|variance| (variance / num as f64).sqrt());
+        for (mut row, num_groups) in sigma.outer_iter_mut().zip(polar::groups(&self.measure, columns)) {
+            for cells in polar::cells_of_groups(num_groups, columns) {
+                let num = cells.len() as f64;
+                row.slice_mut(s![cells]).mapv_inplace(|variance| (variance / num).sqrt());
+            }
         }
         Field { values: polar::in_equal_solid_angles(&self.values, &self.measure), sigma, ..self.clone() }
     }

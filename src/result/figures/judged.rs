@@ -353,6 +353,12 @@ fn remarks(figures: &Figures, coarse: &Field, total: &Total) -> Vec<String> {
         remarks
             .push("no beam angle: the peak is not known to 10 %, or light does not fall to its half".into());
     }
+    let ring = coarse.x_range.1 / figures.cells[1] as f64;
+    for name in ["beam_angle_deg", "field_angle_deg"] {
+        if figures.whole.get(name).is_some_and(|angle| angle.value < 10.0 * ring) {
+            remarks.push(format!("{name} is less than five bins of the polar angle a side: take finer bins"));
+        }
+    }
     if !is_far_field {
         for (name, range, cells) in
             [("fwhm_x_mm", coarse.x_range, figures.cells[0]), ("fwhm_y_mm", coarse.y_range, figures.cells[1])]

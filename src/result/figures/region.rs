@@ -90,10 +90,30 @@ impl Region {
         Region { outline: RegionOutline::Ellipse, centre: (0.0, 0.0), half: (half_angle_deg, half_angle_deg) }
     }
 
-    /// Which share of each cell lies within, to 1/64.
+    /// Which share of each cell lies within: of its area or solid angle, to 1/64; exactly for a cone about a far field's axis.
     pub fn shares(&self, field: &Field) -> Array2<f64> {
         const STEPS: usize = 8;
         let within = |step: usize| (step as f64 + 0.5) / STEPS as f64;
+        let cosine = |row: f64| (field.x_range.1 * row / field.dim().0 as f64).to_radians().cos();
+        let is_round = self.outline == RegionOutline::Ellipse && self.half.0 == self.half.1;
+        if field.geometry == CellGeometry::Polar {
+            return Array2::from_shape_fn(field.dim(), |cell| {
+                let [first, last] = [cosine(cell.0 as f64), cosine(cell.0 as f64 + 1.0)];
+                if is_round && self.centre == (0.0, 0.0) {
+                    let edge = self.half.0.clamp(0.0, 180.0).to_radians().cos();
+                    return ((first - edge) / (first - last)).clamp(0.0, 1.0);
+                }
+                // Points at equal steps of solid angle.
+                let down = |step: usize| {
+                    let polar = (first - within(step) * (first - last)).acos().to_degrees();
+                    polar / field.x_range.1 * field.dim().0 as f64 - cell.0 as f64
+                };
+                let points =
+                    (0..STEPS).flat_map(|row| (0..STEPS).map(move |along| (down(row), within(along))));
+                let inside = points.filter(|point| self.contains(field.place(cell, *point))).count();
+                inside as f64 / (STEPS * STEPS) as f64
+            });
+        }
         Array2::from_shape_fn(field.dim(), |cell| {
             let points =
                 (0..STEPS).flat_map(|down| (0..STEPS).map(move |along| (within(down), within(along))));

@@ -3,7 +3,7 @@
 
 use crate::result::picture::Rgb;
 use crate::result::picture::raster::Raster;
-use ndarray::{Array2, Axis};
+use ndarray::{Array2, s};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -19,17 +19,18 @@ pub struct Disc<'a> {
     pub outside: Rgb,
 }
 
-/// How many neighbours of each ring have together at least the solid angle of the largest cell, by the solid angles of the rings'
-/// cells. They divide the cells of a ring.
-pub(crate) fn neighbours(solid_angles: &[f64], columns: usize) -> Vec<usize> {
+/// Into how many groups of neighbours the cells of each ring go, by the solid angles of the rings' cells. A group has on average at
+/// least the solid angle of the largest cell.
+pub(crate) fn groups(solid_angles: &[f64], columns: usize) -> Vec<usize> {
     let largest = solid_angles.iter().copied().fold(0.0, f64::max);
-    let of_ring = |size: &f64| {
-        // Rounding must not double a cell of the full size.
-        let is_enough =
-            |num: &usize| columns.is_multiple_of(*num) && *num as f64 * size >= largest * (1.0 - 1e-9);
-        (1..=columns).find(is_enough).unwrap_or(columns)
-    };
+    // Rounding must not double a cell of the full size.
+    let of_ring = |size: &f64| ((columns as f64 * size / largest * (1.0 + 1e-9)) as usize).clamp(1, columns);
     solid_angles.iter().map(of_ring).collect()
+}
+
+/// The cells of each of so many groups of a ring. Their numbers differ by one at most.
+pub(crate) fn cells_of_groups(num_groups: usize, columns: usize) -> impl Iterator<Item = Range<usize>> {
+    (0..num_groups).map(move |group| group * columns / num_groups..(group + 1) * columns / num_groups)
 }
 
 /// Half of the width of the sector of azimuths that stands for a half plane \[deg\].
@@ -48,9 +49,11 @@ pub(crate) fn sector(columns: usize, azimuth: f64) -> Vec<usize> {
 /// is not judged by cells that a single ray fills.
 pub(crate) fn in_equal_solid_angles(values: &Array2<f64>, solid_angles: &[f64]) -> Array2<f64> {
     let mut shared = values.clone();
-    for (mut row, num) in shared.outer_iter_mut().zip(neighbours(solid_angles, values.ncols())) {
-        for mut group in row.axis_chunks_iter_mut(Axis(0), num) {
-            let mean = group.sum() / num as f64;
+    for (mut row, num_groups) in shared.outer_iter_mut().zip(groups(solid_angles, values.ncols())) {
+        for cells in cells_of_groups(num_groups, values.ncols()) {
+            let num = cells.len() as f64;
+            let mut group = row.slice_mut(s![cells]);
+            let mean = group.sum() / num;
             group.fill(mean);
         }
     }
@@ -250,7 +253,9 @@ mod tests {
     fn neighbours_near_the_pole_share_their_light() {
         let sizes: Vec<f64> =
             (0..9).map(|row| ((f64::from(row) + 0.5) * 10.0_f64).to_radians().sin()).collect();
-        assert_eq!(neighbours(&sizes, 36), [12, 4, 3, 2, 2, 2, 2, 2, 1]);
+        assert_eq!(groups(&sizes, 36), [3, 9, 15, 20, 25, 29, 32, 34, 36]);
+        // A prime number of azimuths has groups, too: a lamp that shines to one side is no lamp of revolution.
+        assert_eq!(groups(&sizes, 37), [3, 9, 15, 21, 26, 30, 33, 35, 37]);
         let values = Array2::from_shape_fn((9, 36), |(row, column)| (row * 36 + column) as f64);
         let shared = in_equal_solid_angles(&values, &sizes);
         assert_eq!(shared.row(8), values.row(8));

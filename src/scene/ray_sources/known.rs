@@ -18,6 +18,7 @@ struct Key {
     order: Order,
     scale: f64,
     wavelengths: Vec<f64>,
+    in_lumens: bool,
 }
 
 static KNOWN: Mutex<Vec<(Key, Arc<Reading>)>> = Mutex::new(Vec::new());
@@ -30,6 +31,7 @@ pub(super) fn reading(path: &Path, written: &Written) -> std::result::Result<Arc
         order: written.order,
         scale: written.scale,
         wavelengths: written.spectrum.wavelengths.clone(),
+        in_lumens: written.total_flux_lumens.is_some(),
     };
     let known = || KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
     if let Some((_, reading)) = known().iter().find(|(other, _)| *other == key) {

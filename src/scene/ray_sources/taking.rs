@@ -47,7 +47,9 @@ impl Taking {
             true => written.spectrum.wavelengths.iter().copied().map(Some).collect(),
             false => vec![None],
         };
-        let is_luminous = by_wavelength && header.flux_kind == Some(FluxKind::Luminous);
+        // A file that does not say W or lm has what the scene says.
+        let kind = header.flux_kind.or(written.total_flux_lumens.map(|_| FluxKind::Luminous));
+        let is_luminous = by_wavelength && kind == Some(FluxKind::Luminous);
         Taking { order: written.order, wavelengths, is_luminous, scale: written.scale }
     }
 
