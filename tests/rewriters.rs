@@ -39,8 +39,8 @@ fn points_of(rules: &[&Rule]) -> Vec<Inputs> {
 
 /// What is wrong with numbers that were found, if anything is.
 fn fault(found: &[f64], wanted: &[f64], tolerance: f64) -> Option<String> {
-    let is_off = |(found, wanted): (&f64, &f64)| !((found - wanted).abs() <= tolerance);
-    found.iter().zip(wanted).any(is_off).then(|| format!("{found:?}, not {wanted:?}"))
+    let is_close = |(found, wanted): (&f64, &f64)| (found - wanted).abs() <= tolerance;
+    (!found.iter().zip(wanted).all(is_close)).then(|| format!("{found:?}, not {wanted:?}"))
 }
 
 /// The rules that a tier has.
@@ -117,7 +117,7 @@ fn the_textbook_agrees_with_differences() {
         for (p, point) in points(2, 64).iter().enumerate() {
             let value = |point: &Inputs| (rule.value)(Dual::inputs(point), p as u32).value;
             let slopes = (rule.value)(Dual::inputs(point), p as u32).slopes;
-            for i in 0..NUM_INPUTS {
+            for (i, slope) in slopes.iter().enumerate() {
                 let moved =
                     |by: f64| value(&std::array::from_fn(|j| if i == j { point[j] + by } else { point[j] }));
                 let [one_way, other_way] = [moved(STEP) - value(point), value(point) - moved(-STEP)];
@@ -127,9 +127,8 @@ fn the_textbook_agrees_with_differences() {
                 }
                 num_agreeing += 1;
                 let difference = (one_way + other_way) / (2.0 * STEP);
-                if (difference - slopes[i]).abs() > 1e-7 * (1.0 + slopes[i].abs()) {
-                    faults
-                        .push(format!("{} at {point:?} by {i}: {difference}, not {}", rule.name, slopes[i]));
+                if (difference - slope).abs() > 1e-7 * (1.0 + slope.abs()) {
+                    faults.push(format!("{} at {point:?} by {i}: {difference}, not {slope}", rule.name));
                 }
             }
         }
