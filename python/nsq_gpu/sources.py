@@ -470,14 +470,18 @@ class RaySource(CollimatedSource):
         except OSError as error:
             raise UsageError(f"{self.file}: {error.strerror}; give the path of a ray file") from None
         listed, weights = (np.asarray(be.to_numpy(part), dtype=float) for part in (self.spectrum.wavelengths, self.spectrum.weights))
-        key = (self.file, state.st_mtime_ns, state.st_size, number_of(self.scale), self.order, listed.tobytes(), weights.tobytes())
+        key = (self.file, state.st_mtime_ns, state.st_size, number_of(self.scale), self.order, listed.tobytes(), weights.tobytes(),
+               self.total_flux_lumens is not None)
         if self._held is None or self._held[0] != key:
-            self._held = key, _taken(self.file, key[3], self.order, self.spectrum, listed)
+            self._held = key, _taken(self.file, key[3], self.order, self.spectrum, listed, in_lumens=key[-1])
         return self._held[1]
 
 
-def _taken(path: str, scale: float, order: str, spectrum: Spectrum, listed: np.ndarray) -> _RaySet:
-    """Read a file, and put its rays to the wavelengths of the spectrum that are listed."""
+def _taken(path: str, scale: float, order: str, spectrum: Spectrum, listed: np.ndarray, *, in_lumens: bool) -> _RaySet:
+    """Read a file, and put its rays to the wavelengths of the spectrum that are listed.
+
+    ``in_lumens`` says what fluxes of a file without a unit are.
+    """
     rays = read(path)
     lit = rays.flux > 0.0
     if not lit.any():
@@ -499,7 +503,7 @@ def _taken(path: str, scale: float, order: str, spectrum: Spectrum, listed: np.n
         raise UsageError(f"{path}: ray {numbers[far[0]]} has a wavelength of {own[far[0]]:g} um, and the spectrum of the source has "
                          f"none within {1e3 * _FARTHEST:g} nm; add wavelengths to the spectrum")
     total, unit = rays.total, rays.unit
-    if unit == "lm":
+    if unit == "lm" or unit is None and in_lumens:
         # Lumens of rays that have wavelengths are watts.
         shares = _in_watts(path, shares, listed[nearest], numbers)
         total, unit = math.fsum(shares), "W"
