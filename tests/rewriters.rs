@@ -43,6 +43,21 @@ fn fault(found: &[f64], wanted: &[f64], tolerance: f64) -> Option<String> {
     (!found.iter().zip(wanted).all(is_close)).then(|| format!("{found:?}, not {wanted:?}"))
 }
 
+/// What is wrong at a point with a value and tangents, which are to be those of a reference, and with adjoints.
+fn faults_at(
+    (value, tangents): (f64, Inputs),
+    wanted: &Dual,
+    [adjoints, wanted_adjoints]: [&Inputs; 2],
+    tolerance: f64,
+) -> Vec<String> {
+    let all = [
+        ("value", fault(&[value], &[wanted.value], tolerance)),
+        ("tangents", fault(&tangents, &wanted.slopes, tolerance)),
+        ("adjoints", fault(adjoints, wanted_adjoints, tolerance)),
+    ];
+    all.into_iter().filter_map(|(what, fault)| Some(format!("{what}: {}", fault?))).collect()
+}
+
 /// The rules that a tier has.
 fn of_tier(real: Real) -> Vec<&'static Rule> {
     RULES.iter().filter(|rule| rule.df64 || real == Real::F64).collect()
@@ -65,16 +80,8 @@ fn faults_of(gpu: &Gpu, real: Real, rules: &[&Rule], tolerance: f64) -> Vec<Stri
     for (i, rule) in rules.iter().enumerate() {
         for (p, point) in points.iter().enumerate() {
             let (wanted, largest) = with_largest(|| (rule.value)(Dual::inputs(point), p as u32));
-            let (value, tangents) = forward[i][p];
-            let tolerance = tolerance * largest;
-            let found = [
-                ("value", fault(&[value], &[wanted.value], tolerance)),
-                ("tangents", fault(&tangents, &wanted.slopes, tolerance)),
-                ("adjoints", fault(&back[i][p], &wanted.slopes, tolerance)),
-            ];
-            for (what, fault) in found {
-                faults.extend(fault.map(|fault| format!("{}, {what} at {point:?}: {fault}", rule.name)));
-            }
+            let found = faults_at(forward[i][p], &wanted, [&back[i][p], &wanted.slopes], tolerance * largest);
+            faults.extend(found.into_iter().map(|fault| format!("{} at {point:?}, {fault}", rule.name)));
         }
     }
     faults
@@ -149,18 +156,11 @@ fn check_programs(gpu: &Gpu, real: Real, programs: impl Iterator<Item = Program>
         let back = &harness::by_adjoints(gpu, real, &function, &points)[0];
         for (p, point) in points.iter().enumerate() {
             let (wanted, largest) = with_largest(|| program.value(point, p as u32));
-            let (value, tangents) = forward[p];
-            let tolerance = tolerance * largest;
             num_varying += usize::from(wanted.slopes.iter().any(|slope| slope.abs() > 1e-6));
-            let found = [
-                ("value", fault(&[value], &[wanted.value], tolerance)),
-                ("tangents", fault(&tangents, &wanted.slopes, tolerance)),
-                ("adjoints", fault(&back[p], &tangents, tolerance)),
-            ];
-            for (what, fault) in found {
-                let text = &function[0].text;
-                assert!(fault.is_none(), "{what} at {point:?}, n = {p}: {}\n{text}", fault.unwrap());
-            }
+            let tangents = forward[p].1;
+            let faults = faults_at(forward[p], &wanted, [&back[p], &tangents], tolerance * largest);
+            let text = &function[0].text;
+            assert!(faults.is_empty(), "at {point:?}, n = {p}: {}\n{text}", faults.join("\n"));
         }
     }
     assert!(num_varying > num_programs as usize * NUM_POINTS * 8 / 10, "{num_varying} of {num_programs}");

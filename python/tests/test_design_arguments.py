@@ -34,19 +34,10 @@ from nsq_gpu.design import (
     operands,
     renew,
 )
-from tests import live
-from tests.test_design_operands import plate
+from tests.test_design_operands import plate, program  # noqa: F401
 from tests.test_design_problem import pipe, singlet
 
 NAN, INF = float("nan"), float("inf")
-
-
-@pytest.fixture(autouse=True)
-def program(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    monkeypatch.setenv("NSQ_GPU_BINARY", live.binary())
-    nsq_gpu.register_operands()
-    with live.quiet():
-        yield
 
 
 def refused(call: Callable[[], Any], *said: str) -> None:

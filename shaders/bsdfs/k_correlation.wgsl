@@ -30,11 +30,3 @@ fn log_ratio(f: real) -> real {
     let z = s * s;
     return 1.0 - (0.5 * f - (0.5 * f * f + z * poly_log(z)) / (2.0 + f));
 }
-
-// exp(x) - 1 for x >= 0, accurate relative to itself.
-fn exp_less_1(x: real) -> real {
-    if x <= NEAR_ZERO {
-        return x + x * (x * poly_exp(x));
-    }
-    return exp_real(x) - 1.0;
-}

@@ -10,14 +10,6 @@ fn accepted_radius(radius: real, e: Source) -> real {
     let rim = e.p0 * e.p0 / (2.0 * e.p1 * e.p1);
     let to_rim = detached(rim);
     let here = detached(radius * radius / (2.0 * e.p1 * e.p1));
-    let slope = detached(one_less_exp(here) * exp_real(here - to_rim) / one_less_exp(to_rim));
+    let slope = detached(exp_less_1(-here) * exp_real(here - to_rim) / exp_less_1(-to_rim));
     return attached(radius, e.p1 * sqrt(2.0 * (here + slope * (rim - to_rim))));
-}
-
-// 1 - exp(-x) for x >= 0, accurate relative to itself.
-fn one_less_exp(x: real) -> real {
-    if x <= NEAR_ZERO {
-        return x - x * (x * poly_exp(-x));
-    }
-    return 1.0 - exp_real(-x);
 }

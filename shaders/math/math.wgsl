@@ -54,6 +54,14 @@ fn quarter_index(quarters: real) -> u32 {
     return bitcast<u32>(i32(quarters)) & 3u;
 }
 
+// exp(x) - 1, accurate relative to itself.
+fn exp_less_1(x: real) -> real {
+    if abs(x) <= NEAR_ZERO {
+        return x + x * (x * poly_exp(x));
+    }
+    return exp_real(x) - 1.0;
+}
+
 // ln(2^exponent (1 + f)), for 1 + f between sqrt(1/2) and sqrt(2).
 fn log_kernel(exponent: real, f: real) -> real {
     let s = f / (2.0 + f);

@@ -679,7 +679,7 @@ pub const MUTANTS: &[Mutant] = &[
         "sqrt(exp_less_1(t))",
         "exp_less_1(t)",
         "K-correlation"),
-    mutant("K-correlation's small exponentials to first order", "bsdfs/k_correlation.wgsl",
+    mutant("K-correlation's small exponentials to first order", "math/math.wgsl",
         "x + x * (x * poly_exp(x))",
         "x",
         "K-correlation"),

@@ -43,10 +43,15 @@ def refused(name: str, value: object, wanted: str) -> UsageError:
     return wrong_kind(name, value, f"give {wanted}")
 
 
-def _real(name: str, value: Any) -> Any:
-    """Return a real number as Python has it; None of what is no such number. Truth values are none."""
+def _refuse_gradient(name: str, value: object) -> None:
+    """Refuse a tensor that wants a gradient, which it would not get."""
     if wants_gradient(value):
         raise UsageError(f"{name} has requires_grad=True, and nothing is differentiated by it here; detach it")
+
+
+def _real(name: str, value: Any) -> Any:
+    """Return a real number as Python has it; None of what is no such number. Truth values are none."""
+    _refuse_gradient(name, value)
     if hasattr(value, "item") and getattr(value, "ndim", None) == 0:
         value = value.item()
     return value if isinstance(value, Real) and not isinstance(value, bool) else None
@@ -132,8 +137,7 @@ def listed(value: object) -> list[Any] | None:
 
 def array(name: str, value: Any, wanted: str, kinds: str = "iuf") -> np.ndarray:
     """Return an array of numbers, which need not be finite. Texts of numbers are none; ``kinds`` are NumPy's letters."""
-    if wants_gradient(value):
-        raise UsageError(f"{name} has requires_grad=True, and nothing is differentiated by it here; detach it")
+    _refuse_gradient(name, value)
     try:
         found = np.asarray(value.cpu() if hasattr(value, "cpu") else value)
         if found.dtype == object and all(_real(name, item) is not None for item in found.ravel()):

@@ -51,11 +51,15 @@ impl KCorrelation {
         (self.b * beta).powi(2).ln_1p()
     }
 
+    /// (exp(p t) - 1) / p at `beta`, which is t where p is 0: the integral of the lobe, up to a factor.
+    fn growth(&self, beta: f64) -> f64 {
+        let (p, t) = (self.power(), self.logarithm(beta));
+        if p == 0.0 { t } else { (p * t).exp_m1() / p }
+    }
+
     /// The lobe's integral over distances of direction cosines up to `beta`.
     pub fn scattered_within(&self, beta: f64) -> f64 {
-        let (p, t) = (self.power(), self.logarithm(beta));
-        let grown = if p == 0.0 { t } else { (p * t).exp_m1() / p };
-        PI * self.b0 * grown / (self.b * self.b)
+        PI * self.b0 * self.growth(beta) / (self.b * self.b)
     }
 
     /// The distance within which a share of all that is scattered lies.
@@ -119,10 +123,9 @@ impl Scattering for KCorrelation {
         const LEAST: f64 = 1e-30;
         let (p, t) = (self.power(), self.logarithm(LONGEST_OFFSET));
         let rest = Some((p * t).exp()).filter(|rest| *rest > LEAST).unwrap_or(0.0);
-        let growth = if p == 0.0 { t } else { (p * t).exp_m1() / p };
         vec![
             ("k_correlation_width", 1.0 / self.b),
-            ("k_correlation_growth", growth),
+            ("k_correlation_growth", self.growth(LONGEST_OFFSET)),
             ("k_correlation_rest", rest),
             ("k_correlation_power", p),
         ]

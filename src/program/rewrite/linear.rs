@@ -75,28 +75,40 @@ pub(super) fn unknown(what: impl std::fmt::Debug) -> Error {
     Error::Internal(format!("no rule for the derivative of {what:?}"))
 }
 
-/// The operands whose changes change an operation's result.
-pub(super) fn operands(expression: &Expression) -> Vec<Value> {
+/// All values that an expression reads.
+pub(super) fn read_by(expression: &Expression) -> Vec<Value> {
     match *expression {
         Expression::Compose { ref components, .. } => components.clone(),
         Expression::Splat { value: of, .. }
         | Expression::Swizzle { vector: of, .. }
-        | Expression::Access { base: of, .. }
         | Expression::AccessIndex { base: of, .. }
         | Expression::Load { pointer: of }
         | Expression::Unary { expr: of, .. }
-        | Expression::As { expr: of, kind: ScalarKind::Float, .. } => vec![of],
+        | Expression::As { expr: of, .. }
+        | Expression::Relational { argument: of, .. }
+        | Expression::ArrayLength(of) => vec![of],
+        Expression::Access { base, index } => vec![base, index],
         Expression::Binary { left, right, .. } => vec![left, right],
-        Expression::Select { accept, reject, .. } => vec![accept, reject],
-        // Their results are steps.
-        Expression::Math {
-            fun: MathFunction::Floor | MathFunction::Ceil | MathFunction::Trunc | MathFunction::Round,
-            ..
-        } => Vec::new(),
+        Expression::Select { condition, accept, reject } => vec![condition, accept, reject],
         Expression::Math { arg, arg1, arg2, arg3, .. } => {
             [Some(arg), arg1, arg2, arg3].into_iter().flatten().collect()
         }
         _ => Vec::new(),
+    }
+}
+
+/// The values that an expression reads whose changes change the result.
+pub(super) fn operands(expression: &Expression) -> Vec<Value> {
+    use MathFunction::{Ceil, Floor, Round, Trunc};
+    match *expression {
+        Expression::Access { base, .. } => vec![base],
+        Expression::Select { accept, reject, .. } => vec![accept, reject],
+        // Steps, and what is no real.
+        Expression::Math { fun: Floor | Ceil | Trunc | Round, .. }
+        | Expression::Relational { .. }
+        | Expression::ArrayLength(_) => Vec::new(),
+        Expression::As { kind, .. } if kind != ScalarKind::Float => Vec::new(),
+        ref other => read_by(other),
     }
 }
 

@@ -3,7 +3,7 @@
 use crate::result::detectors::{CellMap, Span};
 use crate::result::picture::polar;
 use crate::result::{Detector, SpectralMap};
-use ndarray::{Array2, Axis, Ix2, s};
+use ndarray::{Array2, Axis, Ix2};
 
 /// How the cells of a field lie in the plane of a plot.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -210,11 +210,16 @@ impl Field {
         match self.geometry {
             CellGeometry::Rectangles => (at(column, self.x_range, columns), at(row, self.y_range, rows)),
             CellGeometry::Polar => {
-                let theta = at(row, (0.0, self.x_range.1), rows);
+                let theta = self.polar_angle(row);
                 let (sin, cos) = at(column, (-180.0, 180.0), columns).to_radians().sin_cos();
                 (theta * cos, theta * sin)
             }
         }
+    }
+
+    /// The polar angle of a place among the rings of a far field: row 1.5 is the middle of the second ring.
+    pub fn polar_angle(&self, row: f64) -> f64 {
+        self.x_range.1 * row / self.dim().0 as f64
     }
 
     /// The same field in larger cells of `by` rows and columns each. `by` divides the rows and the columns of the
@@ -252,14 +257,10 @@ impl Field {
     /// share their light have one error.
     pub fn of_equal_solid_angles(&self) -> Field {
         let variances = Array2::from_shape_fn(self.dim(), |cell| self.known_error(cell).powi(2));
-        let columns = self.dim().1;
-        let mut sigma = polar::in_equal_solid_angles(&variances, &self.measure);
-        for (mut row, num_groups) in sigma.outer_iter_mut().zip(polar::groups(&self.measure, columns)) {
-            for cells in polar::cells_of_groups(num_groups, columns) {
-                let num = cells.len() as f64;
-                row.slice_mut(s![cells]).mapv_inplace(|variance| (variance / num).sqrt());
-            }
-        }
+        let sigma = polar::by_groups(&variances, &self.measure, |group| {
+            let num = group.len() as f64;
+            (group.sum() / num / num).sqrt()
+        });
         Field { values: polar::in_equal_solid_angles(&self.values, &self.measure), sigma, ..self.clone() }
     }
 

@@ -308,7 +308,7 @@ fn over_polar_angles(field: &Field, columns: &[usize]) -> Profile {
     let num = columns.len() as f64;
     let cells = |row: usize| columns.iter().map(move |&column| (row, column));
     Profile {
-        places: (0..rows).map(|row| field.x_range.1 * (row as f64 + 0.5) / rows as f64).collect(),
+        places: (0..rows).map(|row| field.polar_angle(row as f64 + 0.5)).collect(),
         values: (0..rows).map(|row| cells(row).map(|cell| field.values[cell]).sum::<f64>() / num).collect(),
         errors: (0..rows)
             .map(|row| cells(row).map(|cell| field.known_error(cell).powi(2)).sum::<f64>().sqrt() / num)
@@ -353,9 +353,9 @@ fn remarks(figures: &Figures, coarse: &Field, total: &Total) -> Vec<String> {
         remarks
             .push("no beam angle: the peak is not known to 10 %, or light does not fall to its half".into());
     }
-    let ring = coarse.x_range.1 / figures.cells[1] as f64;
     for name in ["beam_angle_deg", "field_angle_deg"] {
-        if figures.whole.get(name).is_some_and(|angle| angle.value < 10.0 * ring) {
+        // Maps have no such angles.
+        if figures.whole.get(name).is_some_and(|angle| angle.value < 10.0 * coarse.finest()) {
             remarks.push(format!("{name} is less than five bins of the polar angle a side: take finer bins"));
         }
     }

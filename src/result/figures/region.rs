@@ -94,29 +94,25 @@ impl Region {
     pub fn shares(&self, field: &Field) -> Array2<f64> {
         const STEPS: usize = 8;
         let within = |step: usize| (step as f64 + 0.5) / STEPS as f64;
-        let cosine = |row: f64| (field.x_range.1 * row / field.dim().0 as f64).to_radians().cos();
+        let cosine = |row: usize| field.polar_angle(row as f64).to_radians().cos();
+        let is_polar = field.geometry == CellGeometry::Polar;
         let is_round = self.outline == RegionOutline::Ellipse && self.half.0 == self.half.1;
-        if field.geometry == CellGeometry::Polar {
-            return Array2::from_shape_fn(field.dim(), |cell| {
-                let [first, last] = [cosine(cell.0 as f64), cosine(cell.0 as f64 + 1.0)];
-                if is_round && self.centre == (0.0, 0.0) {
-                    let edge = self.half.0.clamp(0.0, 180.0).to_radians().cos();
-                    return ((first - edge) / (first - last)).clamp(0.0, 1.0);
-                }
-                // Points at equal steps of solid angle.
-                let down = |step: usize| {
-                    let polar = (first - within(step) * (first - last)).acos().to_degrees();
-                    polar / field.x_range.1 * field.dim().0 as f64 - cell.0 as f64
-                };
-                let points =
-                    (0..STEPS).flat_map(|row| (0..STEPS).map(move |along| (down(row), within(along))));
-                let inside = points.filter(|point| self.contains(field.place(cell, *point))).count();
-                inside as f64 / (STEPS * STEPS) as f64
-            });
-        }
+        let is_cone = is_polar && is_round && self.centre == (0.0, 0.0);
+        let edge = self.half.0.clamp(0.0, 180.0).to_radians().cos();
         Array2::from_shape_fn(field.dim(), |cell| {
-            let points =
-                (0..STEPS).flat_map(|down| (0..STEPS).map(move |along| (within(down), within(along))));
+            let [first, last] = [cosine(cell.0), cosine(cell.0 + 1)];
+            if is_cone {
+                return ((first - edge) / (first - last)).clamp(0.0, 1.0);
+            }
+            // Points at equal steps of area, or of solid angle.
+            let down = |step: usize| match field.geometry {
+                CellGeometry::Rectangles => within(step),
+                CellGeometry::Polar => {
+                    let polar_angle = (first - within(step) * (first - last)).acos().to_degrees();
+                    polar_angle / field.polar_angle(1.0) - cell.0 as f64
+                }
+            };
+            let points = (0..STEPS).flat_map(|row| (0..STEPS).map(move |along| (down(row), within(along))));
             let inside = points.filter(|point| self.contains(field.place(cell, *point))).count();
             inside as f64 / (STEPS * STEPS) as f64
         })

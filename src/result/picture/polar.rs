@@ -3,7 +3,7 @@
 
 use crate::result::picture::Rgb;
 use crate::result::picture::raster::Raster;
-use ndarray::{Array2, s};
+use ndarray::{Array2, ArrayView1, s};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -21,16 +21,29 @@ pub struct Disc<'a> {
 
 /// Into how many groups of neighbours the cells of each ring go, by the solid angles of the rings' cells. A group has on average at
 /// least the solid angle of the largest cell.
-pub(crate) fn groups(solid_angles: &[f64], columns: usize) -> Vec<usize> {
+fn groups(solid_angles: &[f64], columns: usize) -> Vec<usize> {
     let largest = solid_angles.iter().copied().fold(0.0, f64::max);
     // Rounding must not double a cell of the full size.
     let of_ring = |size: &f64| ((columns as f64 * size / largest * (1.0 + 1e-9)) as usize).clamp(1, columns);
     solid_angles.iter().map(of_ring).collect()
 }
 
-/// The cells of each of so many groups of a ring. Their numbers differ by one at most.
-pub(crate) fn cells_of_groups(num_groups: usize, columns: usize) -> impl Iterator<Item = Range<usize>> {
-    (0..num_groups).map(move |group| group * columns / num_groups..(group + 1) * columns / num_groups)
+/// A far field whose cells have the number that `of` gives of their group. The sizes of a ring's groups differ by one at most.
+pub(crate) fn by_groups(
+    values: &Array2<f64>,
+    solid_angles: &[f64],
+    of: impl Fn(ArrayView1<'_, f64>) -> f64,
+) -> Array2<f64> {
+    let mut shared = values.clone();
+    for (mut row, num_groups) in shared.outer_iter_mut().zip(groups(solid_angles, values.ncols())) {
+        let first = |group: usize| group * values.ncols() / num_groups;
+        for group in 0..num_groups {
+            let mut cells = row.slice_mut(s![first(group)..first(group + 1)]);
+            let shared = of(cells.view());
+            cells.fill(shared);
+        }
+    }
+    shared
 }
 
 /// Half of the width of the sector of azimuths that stands for a half plane \[deg\].
@@ -48,16 +61,7 @@ pub(crate) fn sector(columns: usize, azimuth: f64) -> Vec<usize> {
 /// A far field in cells of about equal solid angle, shown in its own cells: neighbours share their mean. So the light of the pole
 /// is not judged by cells that a single ray fills.
 pub(crate) fn in_equal_solid_angles(values: &Array2<f64>, solid_angles: &[f64]) -> Array2<f64> {
-    let mut shared = values.clone();
-    for (mut row, num_groups) in shared.outer_iter_mut().zip(groups(solid_angles, values.ncols())) {
-        for cells in cells_of_groups(num_groups, values.ncols()) {
-            let num = cells.len() as f64;
-            let mut group = row.slice_mut(s![cells]);
-            let mean = group.sum() / num;
-            group.fill(mean);
-        }
-    }
-    shared
+    by_groups(values, solid_angles, |group| group.sum() / group.len() as f64)
 }
 
 /// The part of a disc that a picture shows, in radii: from left to right, and from bottom to top.

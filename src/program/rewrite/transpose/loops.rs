@@ -5,6 +5,7 @@ use crate::error::Result;
 use crate::program::rewrite::function_builder::{FunctionBuilder, called, inner_blocks, real_literal};
 use crate::program::rewrite::jvp::function::rewrite_function;
 use crate::program::rewrite::jvp::rewriting::NewFunction;
+use crate::program::rewrite::linear::read_by;
 use crate::program::rewrite::rules::rule;
 use crate::program::rewrite::transpose::emit::Emitter;
 use crate::program::rewrite::transpose::forward;
@@ -270,26 +271,5 @@ impl Transposer<'_> {
         let with_tangents = Some(self.rewriting.new.functions.append(with_tangents, Span::UNDEFINED));
         self.rewriting.functions.insert(function, NewFunction { with_tangents, ..known });
         Ok(())
-    }
-}
-
-/// All values that an expression reads, also those whose changes do not count.
-fn read_by(expression: &Expression) -> Vec<Handle<Expression>> {
-    match expression {
-        Expression::Access { base, index } => vec![*base, *index],
-        Expression::Swizzle { vector: base, .. }
-        | Expression::Splat { value: base, .. }
-        | Expression::Load { pointer: base }
-        | Expression::Unary { expr: base, .. }
-        | Expression::As { expr: base, .. }
-        | Expression::Relational { argument: base, .. }
-        | Expression::ArrayLength(base) => vec![*base],
-        Expression::Compose { components, .. } => components.clone(),
-        Expression::Binary { left, right, .. } => vec![*left, *right],
-        Expression::Select { condition, accept, reject } => vec![*condition, *accept, *reject],
-        Expression::Math { arg, arg1, arg2, arg3, .. } => {
-            [Some(*arg), *arg1, *arg2, *arg3].into_iter().flatten().collect()
-        }
-        _ => Vec::new(),
     }
 }
