@@ -1196,7 +1196,7 @@ fn a_ray_without_an_adjoint_is_lost_alone() {
     }
 }
 
-/// A wide splat takes many rounds: fewer rays share an invocation, and where a driver cuts loops short all the same, the loss is
+/// A wide splat takes many iterations: fewer rays share an invocation, and where a driver cuts loops short all the same, the loss is
 /// differentiated forward. No ray is dropped.
 #[test]
 fn wide_splats_lose_no_ray() {

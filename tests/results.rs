@@ -15,7 +15,7 @@ use nsq_gpu::model::{
 use nsq_gpu::result::output::{REPORT, check, file_names, write_all};
 use nsq_gpu::result::report::{Files, Report};
 use nsq_gpu::result::{
-    DetectorData, DetectorTally, FluxSum, PathEvent, PathEventKind, RayRow, RaySet, RaySpan, RunInfo,
+    DetectorData, DetectorTally, FluxSum, PathEvent, PathEventKind, RayRow, RaySpan, RaySpans, RunInfo,
     SurfaceTally, Tally, TraceResult,
 };
 use serde_json::Value;
@@ -1034,7 +1034,7 @@ mod addition {
             let surfaces = surfaces.into_iter();
             Tally {
                 launched: flux_sums[0],
-                rays: RaySet::default(),
+                rays: RaySpans::default(),
                 detectors,
                 surfaces: surfaces.map(|(reached, absorbed)| SurfaceTally { reached, absorbed, entered_twice: counts.0, ended_inside: counts.1 }).collect(),
                 escaped: flux_sums[1],

@@ -25,7 +25,7 @@ const GENERATED: [&str; 7] =
 const COMPOSED: [(&str, &str); 6] = [
     ("divide", "gpu/rounding.rs"),
     ("measure", "engine/rates.rs"),
-    ("test", "engine/double_word.rs"),
+    ("test", "engine/df64_test.rs"),
     ("NUM_TANGENTS", "derivatives/wgsl.rs"),
     ("Numbers", "program/layout/numbers.rs"),
     ("trace_hot_path", "cpu/path/compose.rs"),

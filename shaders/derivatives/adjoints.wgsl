@@ -22,7 +22,7 @@ fn write_adjoints(invocation: u32) {}
 // Rays of this invocation that are not added: they end at no position, or their adjoints are no numbers.
 var<private> lost: real;
 
-// 1 if a driver cut loops of this invocation short (rounds.many.wgsl): its sums are void.
+// 1 if a driver cut loops of this invocation short (loops.many.wgsl): its sums are void.
 var<private> cut_loops: real;
 
 // What the loss gains by a unit of weight in each cell of the detectors.

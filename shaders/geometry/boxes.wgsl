@@ -137,8 +137,8 @@ fn visit(walk: ptr<function, Walk>, ray: BoxRay, start: f32, end: f32) {
 
 // Visits nodes until the walk has found items, has nothing left to visit, or has made `most_visits` visits. Descending
 // and trying items take turns, in loops of their own. Wide machines run every branch that a ray takes, but only as many
-// rounds of a loop as a ray needs. Every node is visited at most once, so no loop makes more rounds than there are
-// rows.
+// iterations of a loop as a ray needs. Every node is visited at most once, so no loop makes more iterations than there
+// are rows.
 fn descend(walk: ptr<function, Walk>, ray: BoxRay, start: f32, end: f32, most_visits: u32) {
     var level = 0u;
     loop {

@@ -1,5 +1,5 @@
 // Counts of what a dispatch hands on: rays in the queues, and rows for the host. The last word is not 0 if loops were
-// cut short (rounds.many.wgsl).
+// cut short (loops.many.wgsl).
 
 struct QueueCounts {
     incoming: atomic<u32>,

@@ -51,17 +51,17 @@ struct Hit {
 // Where both sides are cheap, `&`, `|` and select replace `&&`, `||` and `if`. Wide machines run both sides of a branch
 // anyway, and pay for the branch on top.
 //
-// Loops ask at both ends of a round whether to go on. Lavapipe always makes the first round, and at its end asks
-// whether some lane wants another. So a loop that asks only before its rounds makes one round for nothing. Where rays
-// end at their first surface, that is every other event.
+// Loops ask at both ends of an iteration whether to go on. Lavapipe always makes the first iteration, and at its end
+// asks whether some lane wants another. So a loop that asks only before its iterations makes one for nothing. Where
+// rays end at their first surface, that is every other event.
 //
-// A loop that asks only after its rounds goes wrong on lavapipe (Mesa 22.3). The loop computes on for lanes that have
+// A loop that asks only after its iterations goes wrong on lavapipe (Mesa 22.3). The loop computes on for lanes that have
 // left it, and memory reads of those lanes give zeros. A branch still skips such lanes. So a variable that is used
 // after a loop, and may differ between lanes, changes only within a branch. `always_true` keeps Mesa from seeing that
 // a lane that comes again always takes that branch.
 //
-// Where all lanes make the same rounds, asking after them is enough. Where rounds are short, asking before them is
-// enough.
+// Where all lanes make the same iterations, asking after them is enough. Where iterations are short, asking before them
+// is enough.
 
 // The nearer of two hits. The earlier primitive in the list wins a tie. Without a tree the earlier one was met first; a
 // tree may meet it later.

@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 use crate::format::path_text;
 use crate::model::{Precision, SceneIr};
 use crate::result::wavelengths_apart;
-use crate::result::{GuideInfo, PathTally, RaySet, RunInfo, Tally, TraceResult, output};
+use crate::result::{GuideInfo, PathTally, RaySpans, RunInfo, Tally, TraceResult, output};
 use crate::run::checkpoint::{Checkpoint, Identity, scene_of_hash};
 use crate::run::proof::Proof;
 use crate::scene::Scene;
@@ -174,7 +174,7 @@ fn check(paths: &[PathBuf], parts: &[Checkpoint], ir: &SceneIr) -> Result<()> {
 }
 
 /// Says whether one run would have given the same bits, and if not, why.
-fn on_the_bits(ir: &SceneIr, parts: &[Checkpoint], rays: &RaySet) -> String {
+fn on_the_bits(ir: &SceneIr, parts: &[Checkpoint], rays: &RaySpans) -> String {
     let first = &parts[0].identity;
     let mut reasons = Vec::new();
     if !parts.iter().all(|part| part.identity.same_device(first)) {

@@ -105,7 +105,7 @@ impl Args {
             let place = ir.detectors.iter().position(|detector| detector.name == *name);
             place.ok_or_else(|| {
                 let names = ir.detectors.iter().map(|detector| detector.name.as_str());
-                let advice = crate::model::place::did_you_mean(name, names);
+                let advice = crate::model::key_path::did_you_mean(name, names);
                 Error::Usage(format!("--detector {name:?} is no detector of the scene; {advice}"))
             })
         };

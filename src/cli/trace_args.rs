@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 use crate::format::shown;
 use crate::guide::Guide;
 use crate::guide::learn::Wanted;
-use crate::model::scatter_sampling::{Aim, AimTarget, DEFAULT_SHARE, Refusal, resolve, set};
+use crate::model::scatter_sampling::{DEFAULT_SHARE, Refusal, RequestedTarget, TargetRequest, resolve, set};
 use crate::model::{PathFilter, ReflectProb, Sampling, SceneIr};
 use crate::program::{Precision, Sampler};
 use crate::run::precision::WantedPrecision;
@@ -112,7 +112,7 @@ pub(crate) struct TraceArgs {
     /// This share of the rays that a surface scatters goes towards a detector or another surface, 0.5 if none is given. Weights are
     /// exact. Cones, spheres and disks stand in the scene file.
     #[arg(long, value_name = "SURFACE=TARGET[:SHARE]", value_parser = parse_scatter_to)]
-    pub(crate) scatter_to: Vec<Aim>,
+    pub(crate) scatter_to: Vec<TargetRequest>,
 }
 
 /// The `--precision` argument.
@@ -244,7 +244,7 @@ fn parse_scatter_prob(text: &str) -> std::result::Result<(Option<String>, f64), 
     Ok((name.map(str::to_owned), prob))
 }
 
-fn parse_scatter_to(text: &str) -> std::result::Result<Aim, String> {
+fn parse_scatter_to(text: &str) -> std::result::Result<TargetRequest, String> {
     let form = || {
         format!(
             "`{text}` names no target; write SURFACE=TARGET or SURFACE=TARGET:SHARE, such as M1=image:0.5"
@@ -255,7 +255,7 @@ fn parse_scatter_to(text: &str) -> std::result::Result<Aim, String> {
         Some((target, share)) => (target, share.parse().map_err(|_| form())?),
         None => (rest, DEFAULT_SHARE),
     };
-    Ok(Aim { surface: surface.into(), target: AimTarget::Named(target.into()), share })
+    Ok(TargetRequest { surface: surface.into(), target: RequestedTarget::Named(target.into()), share })
 }
 
 /// The precision that the argument asks for.
@@ -377,7 +377,7 @@ impl TraceArgs {
     fn scattering(&self, Refusal { key, problem, remedy }: Refusal) -> Error {
         let number = key.split(['[', ']']).nth(1).and_then(|number| number.parse::<usize>().ok());
         let option = match number.and_then(|number| self.scatter_to.get(number)) {
-            Some(Aim { surface, target: AimTarget::Named(target), .. }) => {
+            Some(TargetRequest { surface, target: RequestedTarget::Named(target), .. }) => {
                 format!("--scatter-to {surface}={target}")
             }
             _ => "--scatter-prob".into(),

@@ -285,7 +285,7 @@ impl Addition for Cpu {
         self.logs.is_some()
     }
 
-    fn settle(&mut self, engine: &mut Engine) -> Result<()> {
+    fn finish_pending(&mut self, engine: &mut Engine) -> Result<()> {
         self.finish_logs(engine)?;
         while self.follow_last_sides(engine)? {
             self.finish_logs(engine)?;

@@ -25,20 +25,20 @@ pub(crate) struct ProgramNumbers {
 }
 
 impl ProgramNumbers {
-    /// The numbers of a scene, composed as another program is. `first` is the module of the traced scene's text. Scenes
+    /// The numbers of a scene, composed as another program is. `base` is the module of the traced scene's text. Scenes
     /// of one shape have the same text, because their numbers are live. `None` if this scene's text is another.
     fn of(
         ir: &SceneIr,
         options: &TraceOptions,
         like: &ProgramOptions,
-        first: &Arc<Parsed>,
+        base: &Arc<Parsed>,
         all: &[&dyn ProgramAddition],
     ) -> Result<Option<Self>> {
         let mut is_alike = true;
         let program = composed(ir, options, like, all, |wgsl| {
-            is_alike = first.wgsl == wgsl;
+            is_alike = base.wgsl == wgsl;
             // What another text reads has no place in this one's tables.
-            if is_alike { Ok(first.clone()) } else { Err(Error::Internal("another text".into())) }
+            if is_alike { Ok(base.clone()) } else { Err(Error::Internal("another text".into())) }
         });
         if !is_alike {
             return Ok(None);
@@ -99,25 +99,25 @@ pub(crate) fn composed_in_f64(
     Ok(ComposedInF64 { parsed: composed.parsed, numbers })
 }
 
-/// The derivatives of a program's numbers by each parameter. `first` is the program of the traced scene ([`composed_in_f64`]). A
+/// The derivatives of a program's numbers by each parameter. `base` is the program of the traced scene ([`composed_in_f64`]). A
 /// number that no scene changes has a derivative of 0 exactly.
 pub(crate) fn parameter_jacobian(
     options: &TraceOptions,
     program: &Program,
-    first: &ComposedInF64,
+    base: &ComposedInF64,
     parameters: &[Parameter],
     all: &[&dyn ProgramAddition],
 ) -> Result<Vec<ProgramNumbers>> {
     let mut found = Vec::new();
     for parameter in parameters {
         let of_scene = |(factor, scene): &(f64, SceneIr)| {
-            let mut numbers = ProgramNumbers::of(scene, options, &program.options, &first.parsed, all)?.ok_or_else(|| {
+            let mut numbers = ProgramNumbers::of(scene, options, &program.options, &base.parsed, all)?.ok_or_else(|| {
                 Error::Usage(format!(
                     "`{}` has no derivative here: a small change of it changes what the scene is made of, such as whether faces touch",
                     shown(&parameter.name)
                 ))
             })?;
-            numbers.all_mut().zip(&first.numbers).for_each(|(value, here)| *value = (*value - here) * factor);
+            numbers.all_mut().zip(&base.numbers).for_each(|(value, here)| *value = (*value - here) * factor);
             Ok(numbers)
         };
         let all = parameter.stencil.par_iter().map(of_scene).collect::<Result<Vec<ProgramNumbers>>>()?;
@@ -134,12 +134,12 @@ pub(crate) fn parameter_jacobian(
 pub(super) fn add_tangents(
     options: &TraceOptions,
     program: &mut Program,
-    first: &ComposedInF64,
+    base: &ComposedInF64,
     parameters: &[Parameter],
     all: &[&dyn ProgramAddition],
 ) -> Result<()> {
     let mut added = Vec::new();
-    for (number, sum) in (1..).zip(parameter_jacobian(options, program, first, parameters, all)?) {
+    for (number, sum) in (1..).zip(parameter_jacobian(options, program, base, parameters, all)?) {
         let place = |binding: u32, num_bytes: usize, reals: &[f64]| {
             let twin = binding + number * BINDING_STRIDE;
             place_reals(&program.module, twin, program.options.precision, num_bytes, reals)

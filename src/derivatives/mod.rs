@@ -26,9 +26,9 @@ use std::sync::Arc;
 /// Most rays that an invocation walks back, one after the other, before it writes sums of adjoints. The number does not depend on
 /// the adapter, because the bits of the sums depend on it.
 const MOST_RAYS_WALKED_BACK: u64 = 64;
-/// Rounds of loops that an invocation is to make at most on its ways forward and back. Where one ray is lost, all rays
+/// Iterations of loops that an invocation is to make at most on its ways forward and back. Where one ray is lost, all rays
 /// are walked twice.
-const MOST_ROUNDS_WALKED_BACK: u64 = 1 << 14;
+const MOST_ITERATIONS_WALKED_BACK: u64 = 1 << 14;
 
 /// The addition.
 #[derive(Debug, Clone)]
@@ -59,7 +59,7 @@ impl Derivatives {
 }
 
 impl ProgramAddition for Derivatives {
-    fn prepare(&self, features: &Features, options: &mut ProgramOptions) {
+    fn adapt_options(&self, features: &Features, options: &mut ProgramOptions) {
         // Rays that wait in a queue have no tangents.
         options.events_per_dispatch = options.max_depth;
         // Derivatives read all numbers at every event.
@@ -123,17 +123,18 @@ impl Addition for Derivatives {
         all: &[&dyn ProgramAddition],
     ) -> Result<()> {
         let Derivatives::Tangents(tangents) = self else { return Ok(()) };
-        let first = composed_in_f64(ir, options, program, all)?;
-        add_tangents(options, program, &first, &tangents.parameters, all)
+        let base = composed_in_f64(ir, options, program, all)?;
+        add_tangents(options, program, &base, &tangents.parameters, all)
     }
 }
 
-/// Rays that an invocation walks back, one after the other: fewer where loops make many rounds. A Gaussian splat is gone over
+/// Rays that an invocation walks back, one after the other: fewer where loops make many iterations. A Gaussian splat is gone over
 /// five times on the way back (program::rewrite::transpose::loops).
 fn rays_walked_back(features: &Features, options: &ProgramOptions) -> u32 {
     let side = 2 * u64::from(features.splat_radius) + 1;
-    let rounds_of_splat = side.saturating_mul(5 * (side + 2));
-    let rounds_of_search = if features.has_sags() { 512 } else { 0 };
-    let rounds = rounds_of_splat.saturating_add(u64::from(2 * options.max_depth + rounds_of_search));
-    (MOST_ROUNDS_WALKED_BACK / rounds).clamp(1, MOST_RAYS_WALKED_BACK) as u32
+    let iterations_of_splat = side.saturating_mul(5 * (side + 2));
+    let iterations_of_search = if features.has_sags() { 512 } else { 0 };
+    let iterations =
+        iterations_of_splat.saturating_add(u64::from(2 * options.max_depth + iterations_of_search));
+    (MOST_ITERATIONS_WALKED_BACK / iterations).clamp(1, MOST_RAYS_WALKED_BACK) as u32
 }

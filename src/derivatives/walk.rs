@@ -36,7 +36,7 @@ pub(crate) struct Walker<'a> {
     gpu: &'a Gpu,
     pub(crate) again: Retrace,
     /// The text in f64: where its numbers lie.
-    first: ComposedInF64,
+    base: ComposedInF64,
     /// The numbers that have adjoints.
     pub(crate) layout: Layout,
 }
@@ -60,12 +60,12 @@ impl<'a> Walker<'a> {
         let options = TraceOptions { collect: Collect::Adjoints, ..options.clone() };
         let additions = FollowedPaths::additions(&options).and(Derivatives::Adjoints);
         let again = Retrace::new(gpu, ir, &options, additions, shaders)?;
-        let first = composed_in_f64(ir, &options, &again.plan.program, &again.additions.of_program())?;
-        let layout = Layout::of(&first.parsed.module, Scalar::F64);
+        let base = composed_in_f64(ir, &options, &again.plan.program, &again.additions.of_program())?;
+        let layout = Layout::of(&base.parsed.module, Scalar::F64);
         if layout.num_numbers() > MOST_NUMBERS {
             return Err(Error::NoWayBack(format!("{} numbers at once", layout.num_numbers())));
         }
-        Ok(Walker { gpu, again, first, layout })
+        Ok(Walker { gpu, again, base, layout })
     }
 
     /// The derivatives of the program's numbers by each parameter.
@@ -78,7 +78,7 @@ impl<'a> Walker<'a> {
         parameters: &[Parameter],
     ) -> Result<Vec<ProgramNumbers>> {
         let all: Vec<&dyn ProgramAddition> = self.again.additions.of_program();
-        parameter_jacobian(options, &self.again.plan.program, &self.first, parameters, &all)
+        parameter_jacobian(options, &self.again.plan.program, &self.base, parameters, &all)
     }
 
     /// Walks all rays back, from the adjoints of the detectors' cells, in units of the loss per unit of weight. Gives sums by
@@ -142,7 +142,7 @@ impl<'a> Walker<'a> {
         for mut sums in walking.sums {
             let others = sums.split_off(num_sums - NUM_OTHER_SUMS);
             if others[2] > 0.0 {
-                return Err(Error::NoWayBack("loops of more rounds than the driver makes".into()));
+                return Err(Error::NoWayBack("loops of more iterations than the driver makes".into()));
             }
             found.push(Walked { numbers: sums, noted: others[0], num_lost: others[1] as u64 });
         }

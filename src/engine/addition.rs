@@ -93,7 +93,7 @@ pub(crate) trait Addition: ProgramAddition + Any {
     }
 
     /// Finishes the work that passes have left under way.
-    fn settle(&mut self, _engine: &mut Engine) -> Result<()> {
+    fn finish_pending(&mut self, _engine: &mut Engine) -> Result<()> {
         Ok(())
     }
 
@@ -205,11 +205,11 @@ impl Additions {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use crate::engine::pass_loop;
     use crate::engine::pipeline_cache::Shaders;
     use crate::engine::prepare::prepare;
     use crate::engine::test_scenes::TRAP;
     use crate::engine::undrained::empty_tally;
-    use crate::engine::wavefront;
     use crate::gpu::AdapterChoice;
     use crate::program::addition::ShaderAddition;
     use crate::program::input::ProgramInput;
@@ -250,7 +250,7 @@ mod tests {
         let traced = |max_depth, mut additions: Additions| {
             let options = TraceOptions { num_rays: 5000, max_depth, ..Default::default() };
             let mut engine = prepare(&gpu, &ir, &options, &mut additions, Shaders::default()).unwrap();
-            wavefront::trace(&mut engine, &mut additions, empty_tally(&ir), |_| Ok(true)).unwrap()
+            pass_loop::trace(&mut engine, &mut additions, empty_tally(&ir), |_| Ok(true)).unwrap()
         };
         let [plain, short] = [traced(3, Additions::default()), traced(64, Additions::one(SHORT_SIGHT))];
         // Whoever has had three events ends there, by the depth limit or by seeing nothing.

@@ -165,7 +165,7 @@ impl DeviceState {
 
     /// Fails if the driver has left loops before their end, in a trace beside the main one.
     pub(crate) fn check_loops_of_second_trace(&self, program: &Program) -> Result<()> {
-        if program.options.has_many_rounds(&program.features) && self.take_cut_loops()? {
+        if program.options.has_long_loops(&program.features) && self.take_cut_loops()? {
             return Err(Error::Device(format!(
                 "the driver of `{}` cut the shader's loops short where rays were traced again for their paths; use a smaller \
                  split_depth or max_depth, or another adapter",

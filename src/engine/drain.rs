@@ -22,7 +22,7 @@ pub(crate) fn drain(engine: &mut Engine, additions: &mut Additions, tally: &mut 
 
 /// Adds the sums of the device to a tally, and clears them.
 fn drain_device(engine: &mut Engine, additions: &mut Additions, tally: &mut Tally) -> Result<()> {
-    additions.each(|addition| addition.settle(engine))?;
+    additions.each(|addition| addition.finish_pending(engine))?;
     engine.check_loops()?;
     engine.drain_sums(tally)?;
     if let Some(spilled) = engine.spilled.take() {
@@ -75,10 +75,10 @@ impl Engine<'_> {
         Ok(())
     }
 
-    /// Fails if the driver has left loops before their end (shaders/cpu/rounds.many.wgsl).
+    /// Fails if the driver has left loops before their end (shaders/cpu/loops.many.wgsl).
     pub(crate) fn check_loops(&self) -> Result<()> {
         let program = &self.plan.program;
-        if !program.options.has_many_rounds(&program.features) || !self.device.take_cut_loops()? {
+        if !program.options.has_long_loops(&program.features) || !self.device.take_cut_loops()? {
             return Ok(());
         }
         let (depth, budget) = (self.ir.sampling.split_depth, self.ir.sampling.split_budget);
@@ -93,8 +93,8 @@ impl Engine<'_> {
         let advice: Vec<String> =
             advice.into_iter().filter(|(helps, _)| *helps).map(|(_, text)| text).collect();
         Err(Error::Device(format!(
-            "the driver of `{}` cut the shader's loops short, as lavapipe does after 65,535 rounds for the rays of one \
-             vector, and lost what they had still to do; use {} or another adapter",
+            "the driver of `{}` cut the shader's loops short, as lavapipe does after 65,535 iterations for the rays of \
+             one vector, and lost what they had still to do; use {} or another adapter",
             self.gpu.info.name,
             advice.join(", ")
         )))
@@ -105,10 +105,10 @@ impl Engine<'_> {
 mod tests {
     use super::*;
     use crate::engine::options::TraceOptions;
+    use crate::engine::pass_loop;
     use crate::engine::pipeline_cache::Shaders;
     use crate::engine::prepare::prepare;
     use crate::engine::test_scenes::TRAP;
-    use crate::engine::wavefront;
     use crate::gpu::{AdapterChoice, Gpu};
     use crate::run::StandardError;
 
@@ -126,7 +126,7 @@ mod tests {
                 let mut plain = Additions::default();
                 let mut engine = prepare(&gpu, &ir, &options, &mut plain, Shaders::default()).unwrap();
                 engine.most_counts = most_counts.unwrap_or(engine.most_counts);
-                wavefront::trace(&mut engine, &mut plain, empty_tally(&ir), |_| Ok(true)).unwrap()
+                pass_loop::trace(&mut engine, &mut plain, empty_tally(&ir), |_| Ok(true)).unwrap()
             };
             let tally = traced(None);
             assert!(tally.depth_killed.count + tally.roulette_loss.count > 1000, "light is caught");

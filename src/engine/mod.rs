@@ -1,7 +1,7 @@
 //! The engine traces a scene on a device, and sums up what its rays leave. A trace is a fold: `Tally += pass(range of
 //! ray ids)`.
 //!
-//! [`wavefront`] is the whole loop on one page. [`plan`] holds what is traced; [`limits`] and [`passes`] decide how
+//! [`pass_loop`] is the whole loop on one page. [`plan`] holds what is traced; [`limits`] and [`passes`] decide how
 //! much at once. [`submit`] lists the stages that a range goes through. [`rows`] fetches rows for the host, and
 //! [`drain`] fetches the sums.
 //!
@@ -18,13 +18,14 @@
 pub mod addition;
 pub mod budget;
 pub mod device;
+pub mod df64_test;
 pub mod dispatch;
 pub mod dispatch_size;
-pub mod double_word;
 pub mod drain;
 pub mod limits;
 pub mod moments;
 pub mod options;
+pub mod pass_loop;
 pub mod passes;
 pub mod pipeline_cache;
 pub mod plan;
@@ -41,7 +42,6 @@ pub mod sums;
 mod test_scenes;
 pub mod tuning;
 pub mod undrained;
-pub mod wavefront;
 
 use crate::engine::device::DeviceState;
 use crate::engine::dispatch_size::{DispatchSize, PASS_TIME};

@@ -15,7 +15,7 @@ use crate::model::SceneIr;
 use crate::program::layout::numbers::lie_in_uniforms;
 use crate::program::layout::tables::ReachedMarks;
 use crate::program::{self, Precision, Program, ProgramOptions, RayRange};
-use crate::result::{FluxSum, QUANTA_PER_WEIGHT, RaySet, RaySpan, Tally};
+use crate::result::{FluxSum, QUANTA_PER_WEIGHT, RaySpan, RaySpans, Tally};
 
 /// What is to be traced.
 pub(crate) struct TracePlan {
@@ -103,8 +103,8 @@ impl TracePlan {
     }
 
     /// The ids of the rays done at a position.
-    fn rays_done(&self, position: u64) -> RaySet {
-        let mut set = RaySet::default();
+    fn rays_done(&self, position: u64) -> RaySpans {
+        let mut set = RaySpans::default();
         for (source, rays) in (0..).zip(&self.rays) {
             set += RaySpan { first: rays.first, count: rays.done(position, self.num_rays), source };
         }

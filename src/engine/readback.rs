@@ -22,7 +22,7 @@ pub(crate) struct Readback<'a> {
     layout: Layout<'a>,
     counted: Counted,
     tally: &'a mut Tally,
-    /// Numbers that belong to no detector's cell ([`Place::Other`]).
+    /// Numbers that belong to no detector's cell ([`Owner::Other`]).
     counters: Vec<u64>,
     sums: Vec<u128>,
     /// Copies of the detectors' cells hold tangents.
@@ -31,7 +31,7 @@ pub(crate) struct Readback<'a> {
 
 /// To what a counter or a sum belongs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Place {
+enum Owner {
     /// A cell of a detector, in one of the copies.
     Cell { detector: usize, cell: usize, copy: usize },
     /// Anything else, numbered as if the detectors had no cells.
@@ -60,15 +60,15 @@ impl<'a> Layout<'a> {
         self.copies + usize::from(self.cells.moments.is_some())
     }
 
-    fn place(&self, index: usize, copies: usize) -> Place {
-        let Some(behind) = index.checked_sub(self.first) else { return Place::Other(index) };
+    fn place(&self, index: usize, copies: usize) -> Owner {
+        let Some(behind) = index.checked_sub(self.first) else { return Owner::Other(index) };
         if behind >= copies * self.stride {
-            return Place::Other(index - copies * self.stride);
+            return Owner::Other(index - copies * self.stride);
         }
         let (copy, within) = (behind / self.stride, behind % self.stride);
         let starts_before = |&start: &u32| start as usize <= self.first + within;
         let detector = self.cells.detectors.partition_point(starts_before) - 1;
-        Place::Cell { detector, cell: self.first + within - self.cells.detectors[detector] as usize, copy }
+        Owner::Cell { detector, cell: self.first + within - self.cells.detectors[detector] as usize, copy }
     }
 
     /// The number of a counter that belongs to no detector's cell.
@@ -111,10 +111,10 @@ impl<'a> Readback<'a> {
     /// Adds to a counter.
     pub fn count(&mut self, counter: usize, count: u64) {
         match self.layout.place(counter, self.layout.copies) {
-            Place::Cell { detector, copy: 1.., .. } if self.has_tangents => {
+            Owner::Cell { detector, copy: 1.., .. } if self.has_tangents => {
                 self.tally.detectors[detector].lost_tangents += count;
             }
-            Place::Cell { detector, cell, .. } => {
+            Owner::Cell { detector, cell, .. } => {
                 let detector = &mut self.tally.detectors[detector];
                 *detector.hits.get_mut(cell).unwrap_or(&mut detector.recorded.count) += count;
                 if let Some(square) = self.counted.square {
@@ -123,7 +123,7 @@ impl<'a> Readback<'a> {
                     detector.totals[0].squares += squares;
                 }
             }
-            Place::Other(number) => self.counters[number] += count,
+            Owner::Other(number) => self.counters[number] += count,
         }
         if let Some(quanta) = self.counted.quanta.filter(|_| counter < self.layout.cells.num_cells as usize) {
             self.sum(counter, u128::from(count) * quanta);
@@ -134,20 +134,20 @@ impl<'a> Readback<'a> {
     pub fn sum(&mut self, index: usize, value: u128) {
         let holds_total = self.cells_hold_totals();
         match self.layout.place(index, self.layout.copies_of_sums()) {
-            Place::Cell { detector, cell, copy } if copy == self.layout.copies => {
+            Owner::Cell { detector, cell, copy } if copy == self.layout.copies => {
                 let detector = &mut self.tally.detectors[detector];
                 detector.squares.get_mut(cell).into_iter().for_each(|sum| *sum += value);
                 if holds_total {
                     detector.totals[0].squares += value;
                 }
             }
-            Place::Cell { detector, cell, copy: copy @ 1.. } if self.has_tangents => {
+            Owner::Cell { detector, cell, copy: copy @ 1.. } if self.has_tangents => {
                 let detector = &mut self.tally.detectors[detector];
                 let num_cells = detector.quanta.len().max(1);
                 let sign = if copy % 2 == 1 { 1 } else { -1 };
                 detector.tangents[(copy - 1) / 2 * num_cells + cell] += sign * value as i128;
             }
-            Place::Cell { detector, cell, copy } => {
+            Owner::Cell { detector, cell, copy } => {
                 let detector = &mut self.tally.detectors[detector];
                 let num_cells = detector.quanta.len().max(1);
                 *detector.quanta.get_mut(cell).unwrap_or(&mut detector.recorded.quanta) += value;
@@ -158,7 +158,7 @@ impl<'a> Readback<'a> {
                     detector.replicates[copy * num_cells + cell] += value;
                 }
             }
-            Place::Other(number) => self.sums[number] += value,
+            Owner::Other(number) => self.sums[number] += value,
         }
     }
 

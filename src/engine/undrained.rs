@@ -4,13 +4,13 @@ use crate::engine::limits::counts_unasked;
 use crate::engine::plan::TracePlan;
 use crate::model::SceneIr;
 use crate::program::RayRange;
-use crate::result::{DetectorTally, FluxSum, RaySet, RaySpan, SurfaceTally, Tally};
+use crate::result::{DetectorTally, FluxSum, RaySpan, RaySpans, SurfaceTally, Tally};
 
 /// The rays launched since the sums were drained.
 #[derive(Debug, Default)]
 pub(crate) struct Undrained {
     pub(super) launched: FluxSum,
-    pub(crate) rays: RaySet,
+    pub(crate) rays: RaySpans,
     /// An upper bound of every counter.
     pub(crate) counts: u64,
     /// As many of these were spilled by the device.

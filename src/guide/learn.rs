@@ -229,8 +229,8 @@ struct Row<'a> {
 fn targets<'a>(mut rows: Vec<Vec<(&'a Sequence, Measured)>>, num_first: usize) -> Vec<Target<'a>> {
     let others = rows.split_off(num_first);
     let of_others = if others.is_empty() { 0.0 } else { SHARE_OF_OTHERS };
-    let mut targets = shared(rows, 1.0 - of_others, Aim::EqualErrors);
-    targets.extend(shared(others, of_others, Aim::ByFlux));
+    let mut targets = shared(rows, 1.0 - of_others, Sharing::EqualErrors);
+    targets.extend(shared(others, of_others, Sharing::ByFlux));
     targets.sort_by(|one, other| other.share.total_cmp(&one.share).then(one.sequence.cmp(other.sequence)));
     targets.truncate(MOST_TARGETS);
     targets
@@ -238,7 +238,7 @@ fn targets<'a>(mut rows: Vec<Vec<(&'a Sequence, Measured)>>, num_first: usize) -
 
 /// How many effective rays the rows of a share get.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Aim {
+enum Sharing {
     /// All as many: their relative errors are equal.
     EqualErrors,
     /// In proportion to their flux: a row that is nearly one of the first gets more than one that is far from them.
@@ -249,7 +249,7 @@ enum Aim {
 ///
 /// A row of sequences with fluxes F, of which shares s arrive, has the smallest variance if sequences are tried in
 /// proportion to F / sqrt(s). The rays that it needs for an effective ray are then (sum of F / sqrt(s))^2 / (sum of F)^2.
-fn shared(rows: Vec<Vec<(&Sequence, Measured)>>, of_guided: f64, aim: Aim) -> Vec<Target<'_>> {
+fn shared(rows: Vec<Vec<(&Sequence, Measured)>>, of_guided: f64, aim: Sharing) -> Vec<Target<'_>> {
     let tried = |measured: &Measured| measured.flux / measured.arriving.sqrt();
     let rows: Vec<Row> = rows
         .into_iter()
@@ -259,7 +259,7 @@ fn shared(rows: Vec<Vec<(&Sequence, Measured)>>, of_guided: f64, aim: Aim) -> Ve
             Row {
                 members,
                 spread,
-                aim: if aim == Aim::ByFlux { flux } else { 1.0 },
+                aim: if aim == Sharing::ByFlux { flux } else { 1.0 },
                 cost: (spread / flux).powi(2) / (1.0 - PLAIN_SHARE),
                 plain: PLAIN_SHARE * flux,
             }

@@ -4,7 +4,7 @@
 //! A telescope's mirror scatters a four-hundredth of its light, and a millionth of that meets the detector. Plain rays would
 //! follow the other light. Shaders: shaders/scatter_to.
 
-use crate::model::place::ticked;
+use crate::model::key_path::ticked;
 use crate::model::shapes::Across;
 use crate::model::shapes::plane::Outline;
 use crate::model::{Sampling, Scatter, SceneIr, Shape};
@@ -64,18 +64,18 @@ pub enum TargetShape {
 
 /// What the user asks for: a target of the surfaces of a name.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Aim {
+pub struct TargetRequest {
     /// Name of a surface; `*` stands for any characters.
     pub surface: String,
     /// The target.
-    pub target: AimTarget,
+    pub target: RequestedTarget,
     /// The share of the scattered rays.
     pub share: f64,
 }
 
 /// A target as the user says it.
 #[derive(Debug, Clone, PartialEq)]
-pub enum AimTarget {
+pub enum RequestedTarget {
     /// A detector or a surface.
     Named(String),
     /// A shape.
@@ -114,7 +114,7 @@ fn refusal<T>(key: &str, problem: String, remedy: impl Into<String>) -> Result<T
 pub fn resolve(
     ir: &SceneIr,
     probs: &[(Option<String>, f64)],
-    aims: &[Aim],
+    aims: &[TargetRequest],
 ) -> Result<Vec<ScatterSampling>, Refusal> {
     if probs.is_empty() && aims.is_empty() {
         return Ok(Vec::new());
@@ -234,11 +234,11 @@ fn matches(pattern: &str, name: &str) -> bool {
     left.ends_with(last)
 }
 
-impl AimTarget {
+impl RequestedTarget {
     fn shape(&self, ir: &SceneIr, key: &str) -> Result<TargetShape, Refusal> {
         let name = match self {
-            AimTarget::Shape(shape) => return shape.checked(key),
-            AimTarget::Named(name) => name,
+            RequestedTarget::Shape(shape) => return shape.checked(key),
+            RequestedTarget::Named(name) => name,
         };
         let detector = ir.detectors.iter().find(|detector| detector.name == *name);
         if let Some(detector) = detector {

@@ -59,7 +59,7 @@ impl FollowedPaths {
 }
 
 impl ProgramAddition for FollowedPaths {
-    fn prepare(&self, _features: &Features, options: &mut ProgramOptions) {
+    fn adapt_options(&self, _features: &Features, options: &mut ProgramOptions) {
         // Such traces give maps without errors, or none. Scrambles belong to the draws, and stay.
         let is_second = matches!(self.sums, PathSums::Maps(_) | PathSums::Events { .. });
         if is_second && options.moments == SecondMoments::Squares {

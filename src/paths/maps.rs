@@ -19,8 +19,8 @@ use crate::paths::layout::{self, PathTableSize};
 use crate::paths::wgsl::PathShader;
 use crate::program::RayRange;
 use crate::program::layout::bindings;
-use crate::result::light_paths::Places;
-use crate::result::{RaySet, Tally};
+use crate::result::light_paths::SpotMoments;
+use crate::result::{RaySpans, Tally};
 use std::time::Instant;
 
 /// A sequence whose light is looked at.
@@ -38,7 +38,7 @@ pub struct Watched<'a> {
 #[derive(Debug, Clone, Copy)]
 pub struct WantedMaps<'a> {
     /// The rays of the first trace.
-    pub rays: &'a RaySet,
+    pub rays: &'a RaySpans,
     /// The sequences.
     pub watched: &'a [Watched<'a>],
     /// The number of maps.
@@ -52,7 +52,7 @@ pub struct PathMaps {
     /// [`crate::result::DetectorTally::replicates`].
     pub tally: Tally,
     /// Per watched sequence, where its light lies. Empty if that is not known.
-    pub places: Vec<Places>,
+    pub places: Vec<SpotMoments>,
     /// False if the caller ended the trace before its last ray.
     pub is_whole: bool,
 }
@@ -177,7 +177,7 @@ impl Watch {
         [(bindings::PATHS, self.words.clone()), (bindings::PATHS_HEAD, self.head.clone())]
     }
 
-    fn read(&self, ir: &SceneIr, watched: &[Watched]) -> Result<Vec<Places>> {
+    fn read(&self, ir: &SceneIr, watched: &[Watched]) -> Result<Vec<SpotMoments>> {
         let bytes = self.gpu.read(&self.words, 4 * self.num_words)?;
         let words: Vec<u32> = bytemuck::pod_collect_to_vec(&bytes);
         let rows = &words[self.layout.first_row(self.size) as usize..];
@@ -191,7 +191,7 @@ impl Watch {
                 row.half_width + row.half_height
             });
             let about = path.about.map(|coordinate| f64::from(coordinate as f32));
-            let mut places = Places { about, size, ..Places::default() };
+            let mut places = SpotMoments { about, size, ..SpotMoments::default() };
             for row in self.layout.row(rows, self.size, *slot) {
                 places.first[0] += layout::signed_sum(&row[..3]);
                 places.first[1] += layout::signed_sum(&row[3..6]);

@@ -40,8 +40,8 @@ impl PathTotals {
 }
 
 impl ProgramAddition for PathTotals {
-    fn prepare(&self, features: &Features, options: &mut ProgramOptions) {
-        self.followed.prepare(features, options);
+    fn adapt_options(&self, features: &Features, options: &mut ProgramOptions) {
+        self.followed.adapt_options(features, options);
     }
 
     fn cells(&self, cells: Cells) -> Result<Cells> {

@@ -34,7 +34,7 @@ use std::sync::Arc;
 /// What an addition asks of the program of any scene.
 pub trait ProgramAddition: Sync {
     /// Changes how the program is specialised, now that the features of the scene are known.
-    fn prepare(&self, features: &Features, options: &mut ProgramOptions) {
+    fn adapt_options(&self, features: &Features, options: &mut ProgramOptions) {
         let _ = (features, options);
     }
 

@@ -9,7 +9,7 @@ use crate::program::addition::{ProgramAddition, ShaderAdditions};
 use crate::program::features::Features;
 use crate::program::geometry::{bvh, contact, mesh, tree};
 use crate::program::input::ProgramInput;
-use crate::program::layout::kind_tables::Places;
+use crate::program::layout::kind_tables::KindTables;
 use crate::program::layout::reals::{StructLayout, put_real};
 use crate::program::layout::splitting::Splitting;
 use crate::program::layout::sums::SumBuffers;
@@ -17,7 +17,7 @@ use crate::program::layout::tables::Cells;
 use crate::program::layout::{bindings, rng, tables};
 use crate::program::options::{PathSampling, ProgramOptions, RayRange};
 use crate::program::parsed::Parsed;
-use crate::program::streams::Streams;
+use crate::program::streamed_sources::StreamedSources;
 use crate::program::wgsl::composition::Composition;
 use glam::DVec3;
 use std::ops::Deref;
@@ -57,7 +57,7 @@ pub struct Program {
     /// The uniforms of additions that a dispatch reads: the binding, and the contents by source.
     pub uploads: Vec<(u32, Vec<Vec<u8>>)>,
     /// The rays of files that are uploaded for each dispatch.
-    streams: Streams,
+    streams: StreamedSources,
     /// The seed of the draws.
     seed: u64,
     /// The words of step 0 of the random generator's table.
@@ -139,7 +139,7 @@ impl Program {
             constant_weights,
             source_uniforms: Vec::new(),
             uploads: Vec::new(),
-            streams: Streams::of(ir, &places),
+            streams: StreamedSources::of(ir, &places),
             seed,
             first_step: [0; 4],
         };
@@ -156,7 +156,7 @@ impl Program {
     fn pack(
         &self,
         ir: &SceneIr,
-        places: &Places,
+        places: &KindTables,
         contacts: &contact::Contacts,
         facets: &tables::FacetTable,
         tree: Option<&tree::PrimitiveTree>,
@@ -257,7 +257,7 @@ impl Program {
         rows.map(bytes).transpose()
     }
 
-    fn pack_sources(&self, ir: &SceneIr, places: &Places) -> Result<Vec<Vec<u8>>> {
+    fn pack_sources(&self, ir: &SceneIr, places: &KindTables) -> Result<Vec<Vec<u8>>> {
         if ir.sources.len() == 1 {
             return Ok(Vec::new());
         }

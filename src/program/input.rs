@@ -5,7 +5,7 @@ use crate::model::primitives::primitives;
 use crate::program::features::Features;
 use crate::program::geometry::contact::Contacts;
 use crate::program::geometry::{bvh, mesh, tree};
-use crate::program::layout::kind_tables::Places;
+use crate::program::layout::kind_tables::KindTables;
 use crate::program::layout::splitting::Splitting;
 use crate::program::layout::tables::{Cells, FacetTable};
 use crate::program::options::ProgramOptions;
@@ -27,7 +27,7 @@ pub struct ProgramInput<'a> {
     /// Its cells.
     pub cells: Cells,
     /// Where tables of shapes and sources begin.
-    pub places: Places,
+    pub places: KindTables,
     /// The trees over its meshes and its primitives.
     pub forest: bvh::Forest,
     /// The triangles of its meshes.

@@ -19,7 +19,7 @@ pub mod parsed;
 mod prepare_input;
 #[allow(clippy::wildcard_enum_match_arm, reason = "of what naga has, it is refused what shaders do not use")]
 pub mod rewrite;
-mod streams;
+mod streamed_sources;
 pub mod wgsl;
 
 pub use crate::model::Precision;

@@ -2,7 +2,7 @@
 
 use crate::model::{Precision, SceneIr};
 use crate::program::features::Features;
-use crate::program::layout::kind_tables::Places;
+use crate::program::layout::kind_tables::KindTables;
 use crate::program::layout::rng::Sampler;
 use crate::program::layout::row_table::RowTable;
 use crate::program::layout::tables;
@@ -16,7 +16,7 @@ use glam::DVec3;
 pub const MAX_BAKED_PRIMITIVES: usize = 24;
 /// Up to so many detectors stand apart from the tree.
 const MAX_DETECTORS_APART: usize = 8;
-/// Events of an invocation whose loops never make many rounds.
+/// Events of an invocation whose loops never make many iterations.
 const FEW_EVENTS: u32 = 1 << 8;
 
 /// Which rays have their paths recorded.
@@ -76,7 +76,7 @@ pub struct ProgramOptions {
     pub copies_numbers: bool,
     /// Rays that an invocation follows, where an addition fixes their number.
     pub fixed_rays_per_invocation: Option<u32>,
-    /// The loops of an addition may make more rounds than some driver allows.
+    /// The loops of an addition may make more iterations than some driver allows.
     pub has_long_loops: bool,
     /// Rays on the wrong side of a face are counted, where media border on each other.
     pub counts_wrong_sides: bool,
@@ -131,7 +131,7 @@ impl ProgramOptions {
         ir: &SceneIr,
         centre: DVec3,
         primitives: &[u32],
-        places: &Places,
+        places: &KindTables,
         num_others: usize,
     ) -> Option<RowTable> {
         let records = tables::numbered_primitive_records(ir, centre, primitives, places);
@@ -156,9 +156,9 @@ impl ProgramOptions {
         self.bakes_records() && ir.media.len() * ir.wavelengths.len() <= MOST_CHOSEN
     }
 
-    /// True if the loops of an invocation may make more rounds than some driver allows (shaders/cpu/rounds.many.wgsl).
-    /// False if an invocation only loops over its events, and events are few.
-    pub fn has_many_rounds(&self, features: &Features) -> bool {
+    /// True if the loops of an invocation may make more iterations than some driver allows
+    /// (shaders/cpu/loops.many.wgsl). False if an invocation only loops over its events, and events are few.
+    pub fn has_long_loops(&self, features: &Features) -> bool {
         let [.., gaussian] = features.splats;
         features.splits
             || !self.baked
@@ -171,12 +171,12 @@ impl ProgramOptions {
 
     /// Rays that an invocation of trace_new follows, one after the other. The atomics of its bins then cost little. An
     /// invocation follows one ray where rays outlive a dispatch, and where the loops of many could make too many
-    /// rounds. The same holds where an invocation remembers a ray's visits (shaders/sums/visits.on.wgsl).
+    /// iterations. The same holds where an invocation remembers a ray's visits (shaders/sums/visits.on.wgsl).
     pub fn rays_per_invocation(&self, features: &Features) -> u32 {
         if let Some(fixed) = self.fixed_rays_per_invocation {
             return fixed;
         }
-        if self.has_queue() || self.has_many_rounds(features) {
+        if self.has_queue() || self.has_long_loops(features) {
             return 1;
         }
         (FEW_EVENTS / self.events_per_dispatch).clamp(1, self.most_rays_per_invocation.max(1))

@@ -7,7 +7,7 @@ use crate::program::features::Features;
 use crate::program::geometry::contact::Contacts;
 use crate::program::geometry::{bvh, mesh, tree};
 use crate::program::input::{ProgramInput, centre_of};
-use crate::program::layout::kind_tables::Places;
+use crate::program::layout::kind_tables::KindTables;
 use crate::program::layout::splitting::Splitting;
 use crate::program::layout::tables::{Cells, FacetTable};
 use crate::program::options::{ProgramOptions, SecondMoments};
@@ -30,7 +30,7 @@ impl<'a> ProgramInput<'a> {
             // A family waits in registers, and so stays with its invocation to its end.
             options.events_per_dispatch = options.max_depth;
         }
-        additions.iter().for_each(|addition| addition.prepare(&features, &mut options));
+        additions.iter().for_each(|addition| addition.adapt_options(&features, &mut options));
         let centre = centre_of(ir);
         let cells = additions.iter().try_fold(Cells::of(ir), |cells, addition| addition.cells(cells))?;
         let cells = match options.moments {
@@ -45,7 +45,7 @@ impl<'a> ProgramInput<'a> {
         let triangles = mesh::Triangles::of(meshes, &mut forest);
         let contacts = Contacts::of(ir, centre, options.precision)?;
         let facets = FacetTable::of(ir, &contacts, &triangles);
-        let places = Places::of(ir);
+        let places = KindTables::of(ir);
         let tree = has_tree.then(|| {
             let boxes = tree::boxes(ir, centre, &contacts);
             let in_tree = options.tree_primitives(ir);

@@ -1,8 +1,8 @@
 //! One picture per detector: linear from zero or logarithmic ([`Style`]), perceptual colours, axes at round numbers, a colour bar with its unit.
 
 mod canvas;
+pub(crate) mod charts;
 pub(crate) mod diagram;
-pub(crate) mod figures;
 mod style;
 
 use std::path::Path;
@@ -12,7 +12,7 @@ pub use crate::result::png::style::{Style, Unit};
 use crate::error::{Error, Result};
 use crate::format::{significant, with_prefix};
 use crate::result::picture::true_color::TrueColors;
-use crate::result::png::figures::Head;
+use crate::result::png::charts::Head;
 use crate::result::{Detector, DetectorData, DetectorDifference};
 use ndarray::{Axis, Ix2};
 
@@ -48,7 +48,7 @@ fn write(path: &Path, detector: &Detector, style: Style, colors: Option<&TrueCol
             let map = map.map_err(|error| Error::internal("a photometric map", &error))?.to_owned();
             match &detector.data {
                 DetectorData::Irradiance(pixels) => {
-                    figures::map(path, &head, (pixels.width, pixels.height), &map)
+                    charts::map(path, &head, (pixels.width, pixels.height), &map)
                 }
                 DetectorData::FarField(pattern) => {
                     diagram::far_field(path, &head, &map, (pattern.reach(), &pattern.solid_angles()))
@@ -87,6 +87,6 @@ pub fn write_difference(path: &Path, detector: &DetectorDifference, style: Style
         style,
         colors: None,
     };
-    figures::difference(path, &head, &numbers, [of_a.x, of_a.y], of_a.quantity, &values)
+    charts::difference(path, &head, &numbers, [of_a.x, of_a.y], of_a.quantity, &values)
         .map_err(|error| Error::file(path, error))
 }

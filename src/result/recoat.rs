@@ -16,7 +16,7 @@
 
 use crate::error::{Error, Result};
 use crate::format::{significant, thousands};
-use crate::model::place::did_you_mean;
+use crate::model::key_path::did_you_mean;
 use crate::model::{Bsdf, Coating, End, Interaction, SceneIr, Sequence, Step, StepKind, Surface};
 use crate::result::total_reflection;
 use serde::{Deserialize, Serialize};

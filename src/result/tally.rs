@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::model::{Detector, SceneIr};
 use crate::result::few_rays::Brought;
-use crate::result::{PathTally, QUANTA_PER_WEIGHT, RaySet};
+use crate::result::{PathTally, QUANTA_PER_WEIGHT, RaySpans};
 
 /// Number of events and the quanta that they took.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -33,7 +33,7 @@ pub struct Tally {
     /// Rays launched, and the weight they were born with.
     pub launched: FluxSum,
     /// Which rays they are.
-    pub rays: RaySet,
+    pub rays: RaySpans,
     /// Per detector, in scene order.
     pub detectors: Vec<DetectorTally>,
     /// Per surface, in scene order.

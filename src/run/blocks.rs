@@ -5,7 +5,7 @@ use crate::engine::options::TraceOptions;
 use crate::error::Result;
 use crate::format::shown;
 use crate::model::SceneIr;
-use crate::result::{FluxSum, RaySet, Tally};
+use crate::result::{FluxSum, RaySpans, Tally};
 use crate::run::Tracer;
 
 /// Rays of a block, at most: a stop then loses little, and sums of derivatives are read before they can overflow.
@@ -29,7 +29,7 @@ pub(crate) struct Traced {
 /// alone, but for the rays that were launched. `keep_going` is as in [`Blocks::trace_to`].
 pub(crate) fn trace_on(
     tracer: &mut Tracer,
-    (launched, rays): (FluxSum, RaySet),
+    (launched, rays): (FluxSum, RaySpans),
     end: u64,
     mut keep_going: impl FnMut(u64) -> bool,
 ) -> Result<Traced> {

@@ -257,7 +257,7 @@ impl<'a> Run<'a> {
         info.num_rays = tracer.num_rays();
         info.num_rays_before = begun.launched.count;
         let mut stopping = Stopping::new(model, self.target_error, self.time_limit);
-        stopping.prepare(&mut tracer, &begun)?;
+        stopping.begin(&mut tracer, &begun)?;
         let mut keeper = None;
         if self.has_proof {
             let place = (tracer.num_rays(), tracer.position_after(&begun)?);

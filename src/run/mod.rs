@@ -31,8 +31,8 @@ mod tracer;
 pub mod verify;
 
 pub use crate::engine::options::{Collect, RecordPaths, StandardError, Strict, TraceOptions};
+pub use crate::engine::pass_loop::Progress;
 pub use crate::engine::pipeline_cache::{PipelineCache, Shaders};
-pub use crate::engine::wavefront::Progress;
 pub use crate::run::additions::ForAdapter;
 pub use crate::run::differentiate::{DerivativeOptions, Differentiation, LossDerivatives};
 pub use crate::run::go::{Pass, Settled};

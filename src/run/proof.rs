@@ -13,7 +13,7 @@ use crate::error::{Error, Result};
 use crate::format::thousands;
 use crate::gpu::AdapterInfo;
 use crate::model::SceneIr;
-use crate::result::{DetectorTally, FluxSum, RaySet, RaySpan, Tally};
+use crate::result::{DetectorTally, FluxSum, RaySpan, RaySpans, Tally};
 use crate::run::{Progress, TraceOptions};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -101,11 +101,11 @@ impl PartProof {
 }
 
 /// The rays of a trace from one position to another.
-pub(crate) fn rays_between(ir: &SceneIr, options: &TraceOptions, [first, end]: [u64; 2]) -> Result<RaySet> {
+pub(crate) fn rays_between(ir: &SceneIr, options: &TraceOptions, [first, end]: [u64; 2]) -> Result<RaySpans> {
     let sources: Vec<SourceRays> =
         part(distribute(ir, options.budget(), options.shares.as_deref())?, options)?;
     let length = sources.iter().map(|rays| rays.count).sum();
-    let mut set = RaySet::default();
+    let mut set = RaySpans::default();
     for (source, rays) in (0..).zip(&sources) {
         let [before, done] = [first, end].map(|position| rays.done(position.min(length), length));
         set += RaySpan { first: rays.first + before, count: done - before, source };

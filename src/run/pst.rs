@@ -7,7 +7,7 @@
 
 use crate::error::{Error, Result};
 use crate::format::shown;
-use crate::model::place::did_you_mean;
+use crate::model::key_path::did_you_mean;
 use crate::model::shapes::Outline;
 use crate::model::sources::collimated::Collimated;
 use crate::model::{DetectorKind, End, Frame, SceneIr, SourceKind, Step, StepKind};

@@ -58,7 +58,7 @@ impl Stopping {
     ///
     /// # Errors
     /// [`crate::Error::Usage`] if `begun` is not the beginning of this trace.
-    pub fn prepare(&self, tracer: &mut Tracer, begun: &Tally) -> Result<()> {
+    pub fn begin(&self, tracer: &mut Tracer, begun: &Tally) -> Result<()> {
         if self.target_error.is_some() {
             let position = tracer.position_after(begun)?;
             tracer.pause_at(self.next_check(position));

@@ -5,7 +5,7 @@
 
 use crate::error::{Error, Result};
 use crate::format::shown;
-use crate::model::place::did_you_mean;
+use crate::model::key_path::did_you_mean;
 use crate::model::shapes::Outline;
 use crate::model::sources::extended::Extended;
 use crate::model::{Frame, Interaction, SceneIr, Source, SourceKind, Step, StepKind};

@@ -1,4 +1,4 @@
-//! A scene ready to trace: the face of the engine ([`crate::engine::wavefront`]).
+//! A scene ready to trace: the face of the engine ([`crate::engine::pass_loop`]).
 //!
 //! [`Tracer`] holds the plain loop with what its options ask for, and with what pays on the adapter ([`additions`]).
 
@@ -7,12 +7,12 @@ use crate::cpu::Cpu;
 use crate::engine::addition::Additions;
 use crate::engine::limits::num_rounds;
 use crate::engine::options::TraceOptions;
+use crate::engine::pass_loop::Progress;
 use crate::engine::pipeline_cache::Shaders;
 use crate::engine::prepare::{prepare, set_seed};
 use crate::engine::rounds::MOST_IN_GROUP;
 use crate::engine::undrained::empty_tally;
-use crate::engine::wavefront::Progress;
-use crate::engine::{Engine, wavefront};
+use crate::engine::{Engine, pass_loop};
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::gpu::profile::Profile;
@@ -163,7 +163,7 @@ impl<'a> Tracer<'a> {
         begun: Tally,
         keep_going: impl FnMut(&mut Progress<'_, 'a>) -> Result<bool>,
     ) -> Result<Tally> {
-        wavefront::trace(&mut self.engine, &mut self.additions, begun, keep_going)
+        pass_loop::trace(&mut self.engine, &mut self.additions, begun, keep_going)
     }
 
     /// The number of rays of the whole trace.

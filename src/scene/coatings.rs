@@ -1,7 +1,7 @@
 //! Coatings of a scene file: checks, and their values at the wavelengths of the scene.
 
 use crate::model;
-use crate::model::place::key_of;
+use crate::model::key_path::key_of;
 use crate::scene::json::{Coating, TabulatedCoating};
 use crate::scene::surfaces::look_up;
 use crate::scene::validate::{check_no_repeats, check_reflectance};

@@ -8,7 +8,7 @@ use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 
-use crate::model::place::quoted;
+use crate::model::key_path::quoted;
 use crate::model::shapes;
 use crate::model::{Frame, Interaction, Mesh, Outline, Shape, area_vector};
 use crate::scene::detectors::lowered;

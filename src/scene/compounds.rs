@@ -1,6 +1,6 @@
 //! Compound components -> surfaces, as Optiland builds them: names, order, media, frames.
 
-use crate::model::place::key_of;
+use crate::model::key_path::key_of;
 use crate::model::shapes::conic::curvature;
 use crate::model::{Annulus, Conic, Frame, Frustum, Shape};
 use crate::scene::frame::{frame_of, shifted};

@@ -14,7 +14,7 @@ use serde::forward_to_deserialize_any;
 use serde_json::Number;
 use serde_path_to_error::Segment;
 
-use crate::model::place::{did_you_mean, key_of, quoted, ticked};
+use crate::model::key_path::{did_you_mean, key_of, quoted, ticked};
 use crate::scene::json_text::is_too_large;
 use crate::scene::json_tree::{Array, Value, View};
 use crate::{Error, Result};

@@ -8,7 +8,7 @@
 
 use crate::error::{Error, Result};
 use crate::model::checks::{position, refuse};
-use crate::model::place::{did_you_mean, key_of, quoted, ticked};
+use crate::model::key_path::{did_you_mean, key_of, quoted, ticked};
 use crate::scene::de;
 use crate::scene::frame::{frame_of, moved, shifted};
 use crate::scene::json::{Component, CoordinateSystem, Element, SceneFile};

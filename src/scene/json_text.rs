@@ -9,7 +9,7 @@ use indexmap::IndexMap;
 use serde::de::{self, DeserializeSeed, Deserializer, MapAccess, SeqAccess, Visitor};
 use serde_json::Number;
 
-use crate::model::place::Place;
+use crate::model::key_path::KeyPath;
 use crate::scene::json_tree::{Array, Value};
 use crate::{Error, Result};
 
@@ -36,7 +36,7 @@ pub(super) fn parse(text: &str) -> Result<Value> {
     let (num_values, has_infinity) = (Cell::new(0), Cell::new(false));
     let root = Node {
         depth: 0,
-        place: Place::Root,
+        place: KeyPath::Root,
         refusal: &refusal,
         num_values: &num_values,
         has_infinity: &has_infinity,
@@ -143,7 +143,7 @@ fn end_of(text: &str) -> (usize, usize) {
 #[derive(Clone, Copy)]
 struct Node<'a> {
     depth: usize,
-    place: Place<'a>,
+    place: KeyPath<'a>,
     /// Where a refusal that is not about syntax waits while the parser unwinds.
     refusal: &'a RefCell<Option<Error>>,
     /// Values that are stored one by one.
@@ -155,8 +155,8 @@ struct Node<'a> {
 impl Node<'_> {
     fn refuse<E: de::Error>(&self, problem: String, remedy: &str) -> E {
         let place = match self.place {
-            Place::Root => "the scene file".to_owned(),
-            place @ (Place::Key(..) | Place::Index(..)) => place.to_string(),
+            KeyPath::Root => "the scene file".to_owned(),
+            place @ (KeyPath::Key(..) | KeyPath::Index(..)) => place.to_string(),
         };
         self.refusal.borrow_mut().get_or_insert_with(|| Error::scene(place, problem, remedy));
         E::custom("refused")
@@ -247,7 +247,7 @@ impl<'de> Visitor<'de> for Node<'_> {
         self.check_depth()?;
         let mut array = Array::default();
         loop {
-            let place = Place::Index(&self.place, array.len());
+            let place = KeyPath::Index(&self.place, array.len());
             let item = Node { depth: self.depth + 1, place, ..self };
             match items.next_element_seed(item)? {
                 Some(value) => self.count(array.push(value))?,
@@ -263,7 +263,7 @@ impl<'de> Visitor<'de> for Node<'_> {
         self.check_depth()?;
         let mut object = IndexMap::new();
         while let Some(key) = entries.next_key::<String>()? {
-            let place = Place::Key(&self.place, &key);
+            let place = KeyPath::Key(&self.place, &key);
             let item = Node { depth: self.depth + 1, place, ..self };
             self.count(1)?;
             if object.contains_key(&key) {

@@ -1,7 +1,7 @@
 //! Lamp files that sources name: read, and put into the sources' tables as if the user had written the numbers.
 
 use crate::format::hex;
-use crate::model::place::{key_of, quoted};
+use crate::model::key_path::{key_of, quoted};
 use crate::model::sources::tabulated::{IntensityUnits, LampFile, Rows, Written};
 use crate::model::whole_files;
 use crate::scene::json::{SceneFile, Source};

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::format::shown;
-use crate::model::place::did_you_mean;
+use crate::model::key_path::did_you_mean;
 use crate::model::{
     Allowance, MediumId, PathFilter, ReflectProb, Sampling, SceneIr, Source, Spectrum, Surface,
 };

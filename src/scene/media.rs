@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
-use crate::model::place::{did_you_mean, key_of, quoted};
+use crate::model::key_path::{did_you_mean, key_of, quoted};
 use crate::model::{Medium, MediumId};
 use crate::scene::json::{Block, Component, Material, Medium as Described, SceneFile};
 use crate::scene::materials::{self, Dispersion, Table};

@@ -10,7 +10,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use crate::model::checks::MAX_LENGTH;
-use crate::model::place::quoted;
+use crate::model::key_path::quoted;
 use crate::model::whole_files;
 use crate::model::{Mesh, area_vector};
 use crate::{Error, Result};

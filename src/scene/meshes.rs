@@ -9,7 +9,7 @@ use glam::DVec3;
 
 use crate::format::path_text;
 use crate::model::checks::MAX_LENGTH;
-use crate::model::place::{key_of, quoted};
+use crate::model::key_path::{key_of, quoted};
 use crate::model::shapes::mesh;
 use crate::model::{Mesh, area_vector};
 use crate::scene::json::{Interaction, Material, RawSurface, SceneFile, Shape};

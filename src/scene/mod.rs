@@ -42,7 +42,7 @@ use std::path::{Path, PathBuf};
 use serde_json::Value;
 
 use crate::format::path_text;
-use crate::model::place::{quoted, ticked};
+use crate::model::key_path::{quoted, ticked};
 use crate::model::sources::rays::RayFileUsed;
 use crate::model::sources::tabulated::LampFile;
 use crate::model::{Mesh, Precision, whole_files};

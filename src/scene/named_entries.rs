@@ -1,7 +1,7 @@
 //! The entries of a scene file that have a name, and the ways to them in the file's tree.
 
 use crate::error::{Error, Result};
-use crate::model::place::ticked;
+use crate::model::key_path::ticked;
 use crate::scene::json::{CoordinateSystem, SceneFile};
 use crate::scene::json_tree::{Array, Value};
 use indexmap::IndexMap;

@@ -9,7 +9,7 @@
 //! stand in, and that has a name, is one: its number is set in all of them.
 
 use crate::error::{Error, Result};
-use crate::model::place::{did_you_mean, quoted, ticked};
+use crate::model::key_path::{did_you_mean, quoted, ticked};
 use crate::scene::elements::{Elements, Moved};
 use crate::scene::json_tree::{Array, Value, View};
 use crate::scene::named_entries::{FRAME, Step, at, at_mut, entries, frames, inner, key, parts};
@@ -21,7 +21,7 @@ use serde_json::Number;
 /// [`Error::Usage`] if the scene has no such number.
 pub(super) fn get(tree: &Value, name: &str) -> Result<f64> {
     let elements = Elements::of(tree)?;
-    let Place { object, key, items } = match find(tree, &elements, name)? {
+    let NumberKey { object, key, items } = match find(tree, &elements, name)? {
         Found::Moved(moved) => return elements.get(tree, moved),
         Found::Number(mut places) => places.swap_remove(0),
     };
@@ -50,7 +50,7 @@ pub(super) fn set_all(tree: &mut Value, numbers: &[(String, f64)]) -> Result<()>
         return Ok(());
     }
     let elements = Elements::of(tree)?;
-    let mut places: Vec<(Place, &String, Number)> = Vec::new();
+    let mut places: Vec<(NumberKey, &String, Number)> = Vec::new();
     let mut moves: Vec<(Moved, f64)> = Vec::new();
     for (name, value) in numbers {
         let Some(number) = Number::from_f64(*value) else {
@@ -81,8 +81,8 @@ pub(super) fn set_all(tree: &mut Value, numbers: &[(String, f64)]) -> Result<()>
 }
 
 /// Sets the number at this place. A key that its entry does not know is refused later, when the scene is read.
-fn set(tree: &mut Value, place: &Place, name: &str, number: &Number) -> Result<()> {
-    let Place { object, key, items } = place;
+fn set(tree: &mut Value, place: &NumberKey, name: &str, number: &Number) -> Result<()> {
+    let NumberKey { object, key, items } = place;
     let Some(object) = at_mut(tree, object) else { return Err(no_single_number(name)) };
     if let (Some(list), false) = (object.get_mut(key), items.is_empty()) {
         return set_item(list, items, number).ok_or_else(|| no_item(name));
@@ -145,14 +145,14 @@ fn set_item(value: &mut Value, places: &[usize], to: &Number) -> Option<()> {
 /// What a name stands for.
 enum Found {
     /// A number, in as many places as there are copies of its frame.
-    Number(Vec<Place>),
+    Number(Vec<NumberKey>),
     /// A number that moves several entries.
     Moved(Moved),
 }
 
 /// Where a number stands: the way to its object, and its key there.
 #[derive(PartialEq)]
-struct Place {
+struct NumberKey {
     object: Vec<Step>,
     key: String,
     /// Places in lists within lists, where the key has a list.
@@ -205,13 +205,13 @@ fn find(tree: &Value, elements: &Elements, name: &str) -> Result<Found> {
         let Some(object) = objects.pop().filter(|object| num_keys == 1 || at(tree, object).is_some()) else {
             continue;
         };
-        return Ok(Found::Number(vec![Place { object, key: last.clone(), items }]));
+        return Ok(Found::Number(vec![NumberKey { object, key: last.clone(), items }]));
     }
     let label = entry.join(".");
     let frames = frames(tree);
     let copies = frames.iter().filter(|(known, _)| *known == label);
-    let places: Vec<Place> = copies
-        .map(|(_, way)| Place { object: way.clone(), key: last.clone(), items: items.clone() })
+    let places: Vec<NumberKey> = copies
+        .map(|(_, way)| NumberKey { object: way.clone(), key: last.clone(), items: items.clone() })
         .collect();
     let faces: Vec<String> = elements.faces_of(&label).map(ticked).collect();
     let is_known = !faces.is_empty() || !places.is_empty();

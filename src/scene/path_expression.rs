@@ -9,10 +9,10 @@
 //! words are quoted, and `*` stands for any characters in quotes.
 
 use crate::error::{Error, Result};
+use crate::model::key_path::{did_you_mean, quoted, ticked};
 use crate::model::path_filter::{
     Count, Events, MOST_MARKS, MOST_PARTS, MOST_PATTERNS, Mark, Part, PathFilter, Pattern, Relation, Term,
 };
-use crate::model::place::{did_you_mean, quoted, ticked};
 use crate::model::{SceneIr, StepKind};
 
 /// Questions about single events, which take a name.

@@ -2,7 +2,9 @@
 
 use crate::error::{Error, Result};
 use crate::model::SceneIr;
-use crate::model::scatter_sampling::{Aim, AimTarget, DEFAULT_SHARE, Refusal, TargetShape, resolve, set};
+use crate::model::scatter_sampling::{
+    DEFAULT_SHARE, Refusal, RequestedTarget, TargetRequest, TargetShape, resolve, set,
+};
 use crate::scene::json::SamplingPolicy;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Deserialize;
@@ -132,9 +134,9 @@ impl JsonSchema for ScatterTarget {
 const SHAPES: &str = "give the name of a detector or a surface, or one of cone, sphere and disk";
 
 impl ScatterTarget {
-    fn aim(&self, key: &str) -> std::result::Result<AimTarget, Refusal> {
+    fn aim(&self, key: &str) -> std::result::Result<RequestedTarget, Refusal> {
         let found = match self {
-            ScatterTarget::Named(name) => return Ok(AimTarget::Named(name.clone())),
+            ScatterTarget::Named(name) => return Ok(RequestedTarget::Named(name.clone())),
             ScatterTarget::Shape { cone, sphere, disk } => [
                 cone.as_ref().map(|cone| TargetShape::cone(cone.axis, cone.half_angle_deg)),
                 sphere.as_ref().map(|ball| TargetShape::Sphere { center: ball.center, radius: ball.radius }),
@@ -143,7 +145,7 @@ impl ScatterTarget {
         };
         let mut shapes = found.into_iter().flatten();
         match (shapes.next(), shapes.next()) {
-            (Some(shape), None) => Ok(AimTarget::Shape(shape)),
+            (Some(shape), None) => Ok(RequestedTarget::Shape(shape)),
             (first, _) => Err(Refusal {
                 key: key.into(),
                 problem: format!(
@@ -175,7 +177,7 @@ pub(crate) fn apply(policy: &SamplingPolicy, ir: &mut SceneIr) -> Result<()> {
     };
     let aim = |(number, to): (usize, &ScatterTo)| {
         let target = to.target.aim(&format!("scatter_to[{number}].target"))?;
-        Ok(Aim { surface: to.surface.clone(), target, share: to.share })
+        Ok(TargetRequest { surface: to.surface.clone(), target, share: to.share })
     };
     let aims = policy.scatter_to.iter().enumerate().map(aim).collect::<std::result::Result<Vec<_>, _>>();
     let found = aims.and_then(|aims| resolve(ir, &probs, &aims)).map_err(refused)?;

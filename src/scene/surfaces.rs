@@ -6,7 +6,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use crate::model::bsdfs::{BsdfContext, Labelled};
-use crate::model::place::{did_you_mean, key_of, quoted};
+use crate::model::key_path::{did_you_mean, key_of, quoted};
 use crate::model::{self, Frame};
 use crate::scene::compounds::Part;
 use crate::scene::frame::{frame_of, moved};

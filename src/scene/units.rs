@@ -1,6 +1,6 @@
 //! Numbers with units, as people write tolerances: `0.1deg`, `50um`. The number is given to a scene in the file's own unit.
 
-use crate::model::place::ticked;
+use crate::model::key_path::ticked;
 use crate::scene::named_entries::{last_key, moves};
 
 /// What a number of a scene is.

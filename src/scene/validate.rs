@@ -6,7 +6,7 @@ use std::collections::{HashMap, HashSet};
 use crate::Result;
 use crate::model::Sampling;
 use crate::model::checks::{between, conic_constant, fraction, position, radius, refuse, size};
-use crate::model::place::{did_you_mean, key_of, quoted};
+use crate::model::key_path::{did_you_mean, key_of, quoted};
 use crate::scene::elements;
 use crate::scene::json::{
     Block, Component, CoordinateSystem, Detector, Doublet, Lens, Medium, Mirror, Override, RawSurface,

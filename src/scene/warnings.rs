@@ -3,7 +3,7 @@
 use std::collections::{HashMap, HashSet};
 
 use crate::format::significant;
-use crate::model::place::quoted;
+use crate::model::key_path::quoted;
 use crate::model::{Interaction, Medium, MediumId, Mesh};
 use crate::scene::coincidence;
 use crate::scene::json::{Detector, Material, ReflectProb, SceneFile};

@@ -1,7 +1,7 @@
 //! The scene from the side: its surfaces, detectors and sources as curves in a plane, and the bounds of some of them.
 
 use crate::error::{Error, Result};
-use crate::model::place::{did_you_mean, quoted};
+use crate::model::key_path::{did_you_mean, quoted};
 use crate::model::shapes::{Geometry, circle};
 use crate::model::{Frame, Interaction, Mesh, SceneIr};
 use crate::scene::path_expression::{glob, is_surface_of};

@@ -11,7 +11,7 @@ use nsq_gpu::model::scatter_sampling::{ScatterSampling, Target, TargetShape};
 use nsq_gpu::model::shapes::aperture::{ApertureOutline, Axes};
 use nsq_gpu::model::shapes::freeform::Polynomial;
 use nsq_gpu::model::shapes::{Biconic, Freeform, SagSurface, Toroidal};
-use nsq_gpu::model::sources::rays::{Bounds, Order, RayGroup, RaySet, RayStream, StreamedRay};
+use nsq_gpu::model::sources::rays::{Bounds, FileRays, Order, RayGroup, RayStream, StreamedRay};
 use nsq_gpu::model::sources::{self, Aim};
 use nsq_gpu::model::{
     Aperture, AsphereProfile, Bsdf, BsdfTable, ClippedConic, Coating, CoatingRow, Collimated, Conic,
@@ -711,7 +711,7 @@ fn rays_of_a_file(bench: &Bench) -> Outcome {
         shares: rays.iter().map(|ray| ray.2).collect(),
     };
     let of = |groups| {
-        let set = RaySet::held("0".into(), 1.0, groups);
+        let set = FileRays::held("0".into(), 1.0, groups);
         SourceKind::Rays(sources::Rays { set: Arc::new(set) })
     };
     let straight = [0.0, 0.0, 1.0];
@@ -782,7 +782,7 @@ impl RayStream for ById {
 /// before, draw theirs.
 fn uploaded_rays(bench: &Bench) -> Outcome {
     const NUM_RAYS: u64 = 20_000;
-    let set = RaySet::streamed("0".into(), 1.0, Arc::new(ById), Bounds::default());
+    let set = FileRays::streamed("0".into(), 1.0, Arc::new(ById), Bounds::default());
     let held = RayGroup {
         wavelength: None,
         positions: vec![[0.0, 90.0, 0.0]; 2],
@@ -790,7 +790,7 @@ fn uploaded_rays(bench: &Bench) -> Outcome {
         shares: vec![1.0; 2],
     };
     let of = |set| SourceKind::Rays(sources::Rays { set: Arc::new(set) });
-    let mut ir = scene(of(RaySet::held("1".into(), 1.0, vec![held])), vec![], vec![database("end", 8.0)]);
+    let mut ir = scene(of(FileRays::held("1".into(), 1.0, vec![held])), vec![], vec![database("end", 8.0)]);
     have_two_wavelengths(&mut ir);
     ir.sources[0].spectrum = Spectrum { wavelengths: vec![0, 1], cdf: vec![0.75, 1.0] };
     ir.sources.push(Source { name: "second".into(), kind: of(set), ..ir.sources[0].clone() });

@@ -14,7 +14,7 @@ use nsq_gpu::model::scatter_sampling::{Target, TargetShape};
 use nsq_gpu::model::shapes::aperture::{ApertureOutline, Axes};
 use nsq_gpu::model::shapes::freeform::Polynomial;
 use nsq_gpu::model::shapes::{Biconic, Freeform, SagSurface, Toroidal};
-use nsq_gpu::model::sources::rays::{Bounds, Order, RayGroup, RaySet, RayStream, StreamedRay};
+use nsq_gpu::model::sources::rays::{Bounds, FileRays, Order, RayGroup, RayStream, StreamedRay};
 use nsq_gpu::model::sources::{self, Aim};
 use nsq_gpu::model::{
     Annulus, Aperture, AsphereProfile, Bsdf, BsdfKind, BsdfTable, ClippedConic, Coating, CoatingRow,
@@ -866,11 +866,11 @@ pub fn source_of(name: SourceFunction) -> SourceKind {
                 directions: vec![[0.0, 0.0, 1.0], [0.6, 0.0, 0.8]],
                 shares: vec![0.5, 0.25],
             };
-            let set = RaySet::held("0".into(), 1.0, vec![group]);
+            let set = FileRays::held("0".into(), 1.0, vec![group]);
             SourceKind::Rays(sources::Rays { set: set.into() })
         }
         SourceFunction::StreamedRays => {
-            let set = RaySet::streamed("1".into(), 1.0, Arc::new(Streamed), Bounds::default());
+            let set = FileRays::streamed("1".into(), 1.0, Arc::new(Streamed), Bounds::default());
             SourceKind::Rays(sources::Rays { set: set.into() })
         }
         SourceFunction::Pupil => SourceKind::Pupil(Pupil {

@@ -25,7 +25,7 @@ fn stopped(ir: &SceneIr, target: f64) -> Stopped {
     let mut tracer = Tracer::new(zoo::gpu(), ir, &options(MOST, 1)).unwrap();
     let mut stopping = Stopping::new(ir, Some(target), None);
     let (begun, mut promises) = (tracer.empty_tally(), Vec::new());
-    stopping.prepare(&mut tracer, &begun).unwrap();
+    stopping.begin(&mut tracer, &begun).unwrap();
     let tally = tracer.go_on(begun, |progress| {
         let by = stopping.after_pass(ir, progress)?;
         promises.extend(stopping.rays_to_target().map(|rays| (progress.done, rays)));

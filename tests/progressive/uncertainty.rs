@@ -4,7 +4,7 @@ use crate::zoo;
 use nsq_gpu::model::ray_id::NUM_REPLICATES;
 use nsq_gpu::model::{Bsdf, DetectorKind, FarField, Sampling, SceneIr, Spectral, Splat, Tabulated};
 use nsq_gpu::program::{Precision, Sampler};
-use nsq_gpu::result::{DetectorData, DetectorTally, RaySet, RaySpan, RunInfo, Tally, TraceResult};
+use nsq_gpu::result::{DetectorData, DetectorTally, RaySpan, RaySpans, RunInfo, Tally, TraceResult};
 use nsq_gpu::{StandardError, TraceOptions, Tracer};
 use statrs::distribution::{Binomial, ContinuousCDF, Discrete, DiscreteCDF, StudentsT};
 
@@ -99,7 +99,7 @@ fn difference(later: &Tally, earlier: &Tally) -> Tally {
     let mut block = later.clone();
     block.launched.count -= earlier.launched.count;
     block.launched.quanta -= earlier.launched.quanta;
-    block.rays = RaySet::default();
+    block.rays = RaySpans::default();
     for span in later.rays.spans() {
         let source = span.source;
         let done = earlier.rays.count_of(source as usize);

@@ -78,7 +78,7 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 // <- shaders/stages/hit.plain.wgsl
 // <- shaders/stages/taps.plain.wgsl
 // <- shaders/stages/rays.one.wgsl
-// <- shaders/stages/rounds.few.wgsl
+// <- shaders/stages/loops.few.wgsl
 // <- shaders/stages/scatter.none.wgsl
 // <- shaders/stages/compact.none.wgsl
 // <- shaders/optics/spectrum.single.wgsl
@@ -236,7 +236,7 @@ fn nearest_primitive(ray: Ray, start: Hit) -> Hit {
     return best;
 }
 
-// ==== composed by program::wgsl::bins
+// ==== composed by program::wgsl::ledger_bins
 var<private> bin_0_events: u32 = 0u;
 fn add_to_bin(cell: u32, q: Quanta) {
     if cell == CELL_UNDERFLOWS {

@@ -82,7 +82,7 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 // <- shaders/stages/hit.plain.wgsl
 // <- shaders/stages/taps.plain.wgsl
 // <- shaders/stages/rays.one.wgsl
-// <- shaders/cpu/rounds.many.wgsl
+// <- shaders/cpu/loops.many.wgsl
 // <- shaders/stages/scatter.none.wgsl
 // <- shaders/stages/compact.none.wgsl
 // <- shaders/optics/spectrum.discrete.wgsl
@@ -339,7 +339,7 @@ fn shape_distance(p: Primitive, o: vec3<real>, d: vec3<real>, leaving: bool, far
     return rectangle_distance(o, d, p.a0, p.a1, leaving);
 }
 
-// ==== composed by program::wgsl::bins
+// ==== composed by program::wgsl::ledger_bins
 fn add_to_bin(cell: u32, q: Quanta) {
     count(cell);
     deposit(cell, q);

@@ -1,5 +1,5 @@
 // Stage trace_hot_path follows the hot path, which most rays of a scene take: its events in a row, and nothing else.
-// Wide machines then skip branches that rays never take, and rounds of a loop that only a few rays need.
+// Wide machines then skip branches that rays never take, and iterations of a loop that only a few rays need.
 //
 // The walk is composed. At each event, it looks for the nearest of those primitives that can lie between the last event
 // and the next. A ray that does anything else fails a guard. It leaves only a mark, where its log begins, and

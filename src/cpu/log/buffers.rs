@@ -214,7 +214,7 @@ impl LogBuffers {
         let empty = no_sums(self.sums.len(), cells, &self.shape);
         let mut parts = std::mem::replace(&mut self.sums, empty);
         let misfit = || Error::Internal("the threads that add up the deposit log have unlike sums".into());
-        parts.iter_mut().try_for_each(DepositSums::settle).ok_or_else(misfit)?;
+        parts.iter_mut().try_for_each(DepositSums::add_corners).ok_or_else(misfit)?;
         let mut parts = parts.into_iter();
         let mut sums = parts.next().unwrap_or_default();
         parts.try_for_each(|part| sums.merge(&part)).ok_or_else(misfit)?;

@@ -68,14 +68,14 @@ impl DepositSums {
     }
 
     /// Brings what lies at corners to its cells.
-    pub fn settle(&mut self) -> Option<()> {
+    pub fn add_corners(&mut self) -> Option<()> {
         std::mem::take(&mut self.corners)
             .iter()
             .flat_map(CornerSums::by_cell)
             .try_for_each(|(cell, quanta)| self.quanta.add_low(cell, quanta))
     }
 
-    /// Quanta per cell, after [`DepositSums::settle`]. Empty where quanta follow from the counts.
+    /// Quanta per cell, after [`DepositSums::add_corners`]. Empty where quanta follow from the counts.
     pub fn quanta(&self) -> impl Iterator<Item = u128> {
         debug_assert!(self.corners.is_empty());
         let words = self.quanta.low.iter().zip(&self.quanta.high);
@@ -492,7 +492,7 @@ mod tests {
         let bytes = &cast_slice(&aligned)[..bytes.len()];
         let logged = LoggedRays { weight: 2.0, ..logged(bytes, positions.len()) };
         sums.add(&logged, &position_log(format, has_weights), &mut Vec::new())?;
-        sums.settle().map(|()| sums)
+        sums.add_corners().map(|()| sums)
     }
 
     #[test]
@@ -551,7 +551,7 @@ mod tests {
             let mut sums = sums();
             let logged = logged(cast_slice(&entries), entries.len());
             assert_eq!(sums.add(&logged, &position_log(EntryFormat::Reals, true), &mut Vec::new()), Some(()));
-            sums.settle().unwrap();
+            sums.add_corners().unwrap();
             assert_eq!(quanta(&sums)[1..4], expected);
         }
     }
@@ -576,7 +576,7 @@ mod tests {
         let entries = [[0.5, 0.0, large], [0.5, 0.0, f64::NAN]];
         let logged = logged(cast_slice(&entries), 2);
         assert_eq!(sums.add(&logged, &position_log(EntryFormat::Reals, true), &mut Vec::new()), Some(()));
-        sums.settle().unwrap();
+        sums.add_corners().unwrap();
         assert_eq!(quanta(&sums)[1..3], [UNIT << 19, UNIT << 19]);
         assert_eq!(sums.counts, [1, 2, 0, 0, 0, 0, 0], "a deposit that no sum can hold");
     }

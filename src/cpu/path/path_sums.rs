@@ -232,7 +232,7 @@ mod tests {
         let logged = LoggedRays { bytes, rays: 0..rows[0].len(), stride: STRIDE, weight: 2.0 };
         let (mut sums, mut failures) = (DepositSums::of_num(9), Vec::new());
         sums.add_path(&logged, format, log, &mut failures)?;
-        sums.settle().map(|()| (sums, failures))
+        sums.add_corners().map(|()| (sums, failures))
     }
 
     #[test]
@@ -295,7 +295,7 @@ mod tests {
                 let logged = LoggedRays { bytes, rays: 0..66, stride: 66, weight };
                 let (mut sums, mut failures) = (DepositSums::of_num(9), Vec::new());
                 sums.add_path(&logged, format, &log, &mut failures)?;
-                sums.settle().map(|()| (sums, failures))
+                sums.add_corners().map(|()| (sums, failures))
             };
             let (sums, failures) = added(2.0).unwrap();
             assert_eq!(failures.len(), 22, "{format:?}");

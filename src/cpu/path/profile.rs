@@ -6,10 +6,10 @@ use crate::cpu::path::hot_path::{MAX_EVENTS, ProfiledPath, SampledPath, is_possi
 use crate::cpu::path::pays::{LEAST_SHARE, is_long_enough};
 use crate::engine::addition::Additions;
 use crate::engine::options::{RecordPaths, StandardError, TraceOptions};
+use crate::engine::pass_loop;
 use crate::engine::pipeline_cache::Shaders;
 use crate::engine::prepare::prepare;
 use crate::engine::undrained::empty_tally;
-use crate::engine::wavefront;
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::model::SceneIr;
@@ -73,7 +73,7 @@ pub(crate) fn find(
 fn trace_profiled(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Result<Tally> {
     let mut plain = Additions::default();
     let mut engine = prepare(gpu, ir, options, &mut plain, Shaders::default())?;
-    wavefront::trace(&mut engine, &mut plain, empty_tally(ir), |_| Ok(true))
+    pass_loop::trace(&mut engine, &mut plain, empty_tally(ir), |_| Ok(true))
 }
 
 /// How a profiled ray came to its end.

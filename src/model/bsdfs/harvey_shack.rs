@@ -4,7 +4,7 @@ use crate::model::bsdfs::{
     Bsdf, BsdfContext, BsdfKind, BsdfWgsl, LONGEST_OFFSET, Labelled, SHIFT_INVARIANT, Scattering,
     WrittenBsdf, other_side, too_wide,
 };
-use crate::model::place::quoted;
+use crate::model::key_path::quoted;
 use crate::model::{Interaction, checks};
 use crate::shaders::shader;
 use crate::{Error, Result};

@@ -21,8 +21,8 @@ pub use crate::model::bsdfs::tabulated::{BsdfTable, Tabulated};
 
 use crate::Result;
 use crate::model::Interaction;
+use crate::model::key_path::quoted;
 use crate::model::list::kinds;
-use crate::model::place::quoted;
 use crate::shaders::{ShaderFile, shader};
 use std::path::Path;
 

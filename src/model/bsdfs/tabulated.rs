@@ -1,7 +1,7 @@
 //! Measured scattering: values over the angles of incidence and of scatter.
 
 use crate::model::bsdfs::{Bsdf, BsdfContext, BsdfKind, BsdfWgsl, Labelled, Scattering, WrittenBsdf};
-use crate::model::place::{key_of, quoted};
+use crate::model::key_path::{key_of, quoted};
 use crate::model::{checks, whole_files};
 use crate::shaders::shader;
 use crate::{Error, Result};

@@ -2,7 +2,7 @@
 
 use crate::Result;
 use crate::format::significant;
-use crate::model::place::quoted;
+use crate::model::key_path::quoted;
 use crate::model::sources::{Emission, SourceFunction, SourceKind, SourceWgsl, WrittenSource, written};
 use crate::model::{Outline, checks};
 use crate::shaders::shader;

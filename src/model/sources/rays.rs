@@ -38,25 +38,25 @@ pub const UPLOADED_NUMBERS: usize = 7;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rays {
     /// The rays.
-    pub set: Arc<RaySet>,
+    pub set: Arc<FileRays>,
 }
 
 /// The rays that a file holds.
 #[derive(Clone)]
-pub struct RaySet {
+pub struct FileRays {
     /// The file's hash.
     pub sha256: String,
     /// What lengths were multiplied by.
     pub scale: f64,
     /// Where they are.
-    pub rays: FileRays,
+    pub rays: RayStorage,
     /// Where they begin, and where they go.
     bounds: Bounds,
 }
 
 /// Where the rays of a file are.
 #[derive(Clone)]
-pub enum FileRays {
+pub enum RayStorage {
     /// In memory: rays of one wavelength each; or one group, of all wavelengths.
     Held(Vec<RayGroup>),
     /// In the file.
@@ -120,43 +120,43 @@ impl Bounds {
     }
 }
 
-impl RaySet {
+impl FileRays {
     /// Rays in memory.
     pub fn held(sha256: String, scale: f64, groups: Vec<RayGroup>) -> Self {
         let mut bounds = Bounds::default();
         for group in &groups {
             group.positions.iter().zip(&group.directions).for_each(|(p, d)| bounds.add(*p, *d));
         }
-        RaySet { sha256, scale, rays: FileRays::Held(groups), bounds }
+        FileRays { sha256, scale, rays: RayStorage::Held(groups), bounds }
     }
 
     /// Rays that stay in their file.
     pub fn streamed(sha256: String, scale: f64, stream: Arc<dyn RayStream>, bounds: Bounds) -> Self {
-        RaySet { sha256, scale, rays: FileRays::Streamed(stream), bounds }
+        FileRays { sha256, scale, rays: RayStorage::Streamed(stream), bounds }
     }
 }
 
 /// The file's hash says what the rays are.
-impl PartialEq for RaySet {
+impl PartialEq for FileRays {
     fn eq(&self, other: &Self) -> bool {
-        let order = |set: &RaySet| match &set.rays {
-            FileRays::Held(_) => Order::Drawn,
-            FileRays::Streamed(stream) => stream.order(),
+        let order = |set: &FileRays| match &set.rays {
+            RayStorage::Held(_) => Order::Drawn,
+            RayStorage::Streamed(stream) => stream.order(),
         };
         (&self.sha256, self.scale, order(self)) == (&other.sha256, other.scale, order(other))
     }
 }
 
-impl fmt::Debug for RaySet {
+impl fmt::Debug for FileRays {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "RaySet({} x {:?}, ", self.sha256, self.scale)?;
+        write!(f, "FileRays({} x {:?}, ", self.sha256, self.scale)?;
         match &self.rays {
-            FileRays::Held(groups) => {
+            RayStorage::Held(groups) => {
                 let groups: Vec<_> =
                     groups.iter().map(|group| (group.wavelength, group.shares.len())).collect();
                 write!(f, "{groups:?})")
             }
-            FileRays::Streamed(stream) => write!(f, "{stream:?})"),
+            RayStorage::Streamed(stream) => write!(f, "{stream:?})"),
         }
     }
 }
@@ -203,7 +203,7 @@ written! {
         pub scale: f64,
         /// The rays, once the file is read.
         #[serde(skip)]
-        pub set: Option<Arc<RaySet>>,
+        pub set: Option<Arc<FileRays>>,
         /// The flux of the file's rays, once the file is read and if it says a unit.
         #[serde(skip)]
         pub flux: Option<OwnFlux>,
@@ -220,7 +220,7 @@ impl WrittenSource for Written {
     }
 
     fn kind(&self) -> SourceKind {
-        let none = || Arc::new(RaySet::held(String::new(), 1.0, Vec::new()));
+        let none = || Arc::new(FileRays::held(String::new(), 1.0, Vec::new()));
         SourceKind::Rays(Rays { set: self.set.clone().unwrap_or_else(none) })
     }
 
@@ -258,8 +258,8 @@ impl RayGroup {
 impl Emission for Rays {
     fn kind(&self) -> SourceFunction {
         match &self.set.rays {
-            FileRays::Held(_) => SourceFunction::Rays,
-            FileRays::Streamed(_) => SourceFunction::StreamedRays,
+            RayStorage::Held(_) => SourceFunction::Rays,
+            RayStorage::Streamed(_) => SourceFunction::StreamedRays,
         }
     }
 
@@ -272,7 +272,7 @@ impl Emission for Rays {
     /// For each wavelength of the scene, where its rays begin, counted from here; then each group: the number of its rays, and
     /// their rows. Of rays that are uploaded: room for them.
     fn table(&self, wavelengths: &[f64]) -> Vec<f64> {
-        let FileRays::Held(groups) = &self.set.rays else {
+        let RayStorage::Held(groups) = &self.set.rays else {
             return vec![0.0; MOST_UPLOADED as usize * UPLOADED_NUMBERS];
         };
         let mut starts = vec![0.0; groups.len()];

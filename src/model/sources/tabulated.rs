@@ -9,7 +9,7 @@
 //! around that cone and by a quadratic equation within an interval.
 
 use crate::Result;
-use crate::model::place::key_of;
+use crate::model::key_path::key_of;
 use crate::model::sources::{
     Emission, OwnFlux, SourceFunction, SourceKind, SourceWgsl, WrittenSource, written,
 };

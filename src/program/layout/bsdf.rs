@@ -2,7 +2,7 @@
 //! tables. What the numbers are, each file of [`crate::model::bsdfs`] says.
 
 use crate::model::{Bsdf, BsdfKind, Scatter, ScatterSampling, SceneIr, Surface};
-use crate::program::layout::kind_tables::Places;
+use crate::program::layout::kind_tables::KindTables;
 use crate::program::layout::row_table::RowTable;
 
 /// The kinds that occur, without repetition.
@@ -34,7 +34,7 @@ impl Branch {
 }
 
 /// Adds what shaders/stages/scatter.on.wgsl, shaders/bsdfs/ and shaders/scatter_to/ read of a surface.
-pub fn put_columns(records: &mut RowTable, ir: &SceneIr, kinds: &[BsdfKind], places: &Places) {
+pub fn put_columns(records: &mut RowTable, ir: &SceneIr, kinds: &[BsdfKind], places: &KindTables) {
     if kinds.is_empty() {
         return;
     }

@@ -1,11 +1,11 @@
 //! Coatings by angle for the shaders: where their tables lie, as columns of the surfaces' records.
 
 use crate::model::{Coating, SceneIr};
-use crate::program::layout::kind_tables::Places;
+use crate::program::layout::kind_tables::KindTables;
 use crate::program::layout::row_table::RowTable;
 
 /// Adds what shaders/optics/coating.tabulated.wgsl reads of a surface.
-pub fn put_columns(records: &mut RowTable, ir: &SceneIr, places: &Places) {
+pub fn put_columns(records: &mut RowTable, ir: &SceneIr, places: &KindTables) {
     let coatings = || ir.surfaces.iter().map(|surface| surface.coating.as_ref());
     let tables = coatings().map(|coating| coating.map(Coating::tabulated));
     let columns: Vec<(u32, u32)> = tables

@@ -10,7 +10,7 @@ const MAX_PLACE: usize = 1 << 24;
 
 /// Where each table begins. Equal tables are one: lenses by the dozen have the same polish, and the same film.
 #[derive(Debug, Default)]
-pub struct Places {
+pub struct KindTables {
     /// By the bits of a table's numbers.
     starts: HashMap<Vec<u64>, usize>,
     numbers: Vec<f64>,
@@ -24,10 +24,10 @@ fn bits(table: &[f64]) -> Vec<u64> {
     table.iter().map(|number| number.to_bits()).collect()
 }
 
-impl Places {
+impl KindTables {
     /// The tables of a scene.
     pub fn of(ir: &SceneIr) -> Self {
-        let mut places = Places::default();
+        let mut places = KindTables::default();
         for table in ir.surfaces.iter().filter_map(|surface| surface.shape.table()) {
             places.add(table);
         }

@@ -11,7 +11,7 @@ use crate::program::geometry::contact::{self, Contacts};
 use crate::program::layout::bindings;
 use crate::program::layout::bsdf;
 use crate::program::layout::coating;
-use crate::program::layout::kind_tables::Places;
+use crate::program::layout::kind_tables::KindTables;
 use crate::program::layout::row_table::RowTable;
 use glam::{DMat3, DVec3};
 
@@ -279,7 +279,7 @@ pub fn is_rotated(rotation: DMat3) -> bool {
 }
 
 /// The surfaces' records.
-pub fn surface_records(ir: &SceneIr, centre: DVec3, features: &Features, places: &Places) -> RowTable {
+pub fn surface_records(ir: &SceneIr, centre: DVec3, features: &Features, places: &KindTables) -> RowTable {
     let mut records = RowTable::new("Surface", "surface", bindings::SURFACES);
     records.uint("interaction", ir.surfaces.iter().map(|s| interaction_code(&s.interaction)));
     put_frames(&mut records, ir, ir.surfaces.iter().map(|s| &s.frame), centre);
@@ -433,7 +433,7 @@ impl FacetTable {
 }
 
 /// The sources' records; `weights` are those that their rays are born with.
-pub fn source_records(ir: &SceneIr, centre: DVec3, weights: &[f64], places: &Places) -> RowTable {
+pub fn source_records(ir: &SceneIr, centre: DVec3, weights: &[f64], places: &KindTables) -> RowTable {
     let mut records = RowTable::new("Source", "source", bindings::SOURCE);
     let sources = &ir.sources;
     records.uint("kind", sources.iter().map(|e| e.kind.kind() as u32));
@@ -453,7 +453,7 @@ pub fn source_records(ir: &SceneIr, centre: DVec3, weights: &[f64], places: &Pla
 }
 
 /// The records of the first primitives, which are looked up in a table.
-pub fn primitive_records(ir: &SceneIr, centre: DVec3, num: usize, places: &Places) -> RowTable {
+pub fn primitive_records(ir: &SceneIr, centre: DVec3, num: usize, places: &KindTables) -> RowTable {
     let mut primitives = primitives(ir);
     primitives.truncate(num);
     let mut records = RowTable::new("Primitive", "primitive", bindings::PRIMITIVES);
@@ -478,7 +478,7 @@ pub fn numbered_primitive_records(
     ir: &SceneIr,
     centre: DVec3,
     primitives: &[u32],
-    places: &Places,
+    places: &KindTables,
 ) -> RowTable {
     let mut records = primitive_records(ir, centre, primitives.len(), places).picked(primitives);
     records.uint("number", primitives.iter().copied());

@@ -49,7 +49,7 @@ pub(super) trait FunctionBuilder {
     }
 
     /// Calls a function of the new module, and gives its result.
-    fn call_plain(
+    fn call_for_result(
         &mut self,
         function: Handle<Function>,
         arguments: Vec<Handle<Expression>>,

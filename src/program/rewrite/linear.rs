@@ -289,7 +289,7 @@ pub(super) trait Linearise: FunctionBuilder {
             Rule::Turned(name, sign) => {
                 let function = self.plain(name)?;
                 let argument = self.coefficient(argument)?;
-                let turned = self.call_plain(function, vec![argument], out);
+                let turned = self.call_for_result(function, vec![argument], out);
                 let sign = real_literal(self.real(), sign);
                 let sign = self.append(sign);
                 let slope = self.binary(BinaryOperator::Multiply, turned, sign, out);

@@ -27,7 +27,7 @@ impl Composition<'_> {
         text.composed("program::wgsl::search", &self.nearest_primitive()?);
         text.composed("program::wgsl::trees", &self.waiting());
         additions.all().try_for_each(|addition| addition.add(self, &mut text))?;
-        text.composed("program::wgsl::bins", &self.bins(additions));
+        text.composed("program::wgsl::ledger_bins", &self.bins(additions));
         text.composed("program::wgsl::dispatch", &self.dispatch()?);
         text.composed("program::layout::numbers", &self.numbers.declaration());
         self.sums.cut(bindings::declared(&text.into_string()))

@@ -1,10 +1,10 @@
 //! The WGSL of one scene: the files that it takes, and the text composed around them.
 
-mod bins;
 pub mod compose;
 pub mod composition;
 pub(crate) mod constants;
 mod dispatch;
+mod ledger_bins;
 pub mod library;
 pub(crate) mod rows;
 mod search;

@@ -5,7 +5,7 @@
 //! file that takes the place of the row's (`ShaderAddition::replaces`).
 //!
 //! By this rule four rows pick files of shaders/cpu. The CPU backend sets the option for texels, which picks two files.
-//! The CPU backend and derivatives set options for several rays of an invocation. `cpu/rounds.many` follows from
+//! The CPU backend and derivatives set options for several rays of an invocation. `cpu/loops.many` follows from
 //! features and options on every adapter.
 
 use crate::error::{Error, Result};
@@ -84,7 +84,7 @@ const SLOTS: &[Slot] = slots! { c;
     "stages/scattered"          [plain]                               !c.f.bsdfs.is_empty() => plain;
     "stages/queue_entry"        [plain]                               c.o.has_queue() => plain;
     "stages/rays"               [one, several @ "cpu/rays"]      true => either(c.o.rays_per_invocation(c.f) == 1, one, several);
-    "stages/rounds"             [many @ "cpu/rounds", few]       true => either(c.o.has_many_rounds(c.f), many, few);
+    "stages/loops"              [many @ "cpu/loops", few]       true => either(c.o.has_long_loops(c.f), many, few);
     "stages/scatter"            [on, to, none]                        true => match (c.f.bsdfs.is_empty(), c.f.scatters_to) {
         (true, _) => none,
         (false, true) => to,

@@ -5,7 +5,7 @@ use crate::model::PixelGrid;
 use crate::result::detectors::bins::{bin_centres, pixel_area, shaped};
 use crate::result::detectors::{CellMap, DetectorResult, Sums};
 use crate::result::npz::ArrayWriter;
-use crate::result::png::figures::{self, Drawn, Head};
+use crate::result::png::charts::{self, Drawn, Head};
 use crate::result::stored::Stored;
 use crate::result::tally::map_lit;
 use ndarray::{Array, Array1, Dimension, Ix2};
@@ -126,7 +126,7 @@ impl DetectorResult for IrradianceMap {
     }
 
     fn picture(&self, path: &Path, head: &Head) -> Drawn {
-        figures::map(path, head, (self.width, self.height), &self.irradiance)
+        charts::map(path, head, (self.width, self.height), &self.irradiance)
     }
 
     fn entry(&self) -> Vec<(&'static str, Value)> {

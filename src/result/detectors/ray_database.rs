@@ -12,7 +12,7 @@ use crate::format::thousands;
 use crate::model::{self, Frame};
 use crate::result::detectors::{CellMap, DetectorResult, Sums};
 use crate::result::npz::{ArrayWriter, Column};
-use crate::result::png::figures::{self, Drawn, Head};
+use crate::result::png::charts::{self, Drawn, Head};
 use crate::result::ray_rows::{self, Rows};
 use crate::result::stored::Stored;
 use crate::result::{FluxUnit, QUANTA_PER_WEIGHT, RayRow};
@@ -220,7 +220,7 @@ impl DetectorResult for RayDatabase {
     }
 
     fn picture(&self, path: &Path, head: &Head) -> Drawn {
-        figures::spots(path, head, self.num_rays(), |take| self.for_each_point(take))
+        charts::spots(path, head, self.num_rays(), |take| self.for_each_point(take))
     }
 
     fn entry(&self) -> Vec<(&'static str, Value)> {

@@ -6,7 +6,7 @@ use crate::result::detectors::bins::centres;
 use crate::result::detectors::irradiance::PixelMap;
 use crate::result::detectors::{CellMap, DetectorResult, Sums};
 use crate::result::npz::ArrayWriter;
-use crate::result::png::figures::{self, Drawn, Head};
+use crate::result::png::charts::{self, Drawn, Head};
 use crate::result::stored::Stored;
 use ndarray::{Array1, Array2, Axis, Ix3};
 use serde_json::Value;
@@ -86,7 +86,7 @@ impl DetectorResult for SpectralMap {
     fn picture(&self, path: &Path, head: &Head) -> Drawn {
         let spectrum = (&self.wavelength_edges.to_vec()[..], &self.spectrum.to_vec()[..]);
         let size = (self.pixels.width, self.pixels.height);
-        figures::map_and_spectrum(path, head, size, &self.broadband(), spectrum)
+        charts::map_and_spectrum(path, head, size, &self.broadband(), spectrum)
     }
 
     fn entry(&self) -> Vec<(&'static str, Value)> {

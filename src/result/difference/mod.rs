@@ -18,7 +18,7 @@ use crate::error::{Error, Result};
 use crate::format::{shown, sigmas};
 use crate::model::SceneIr;
 use crate::model::detectors::grid::PixelGrid;
-use crate::model::place::did_you_mean;
+use crate::model::key_path::did_you_mean;
 use crate::result::{Detector, DetectorTally, FewRays, FluxUnit, Ledger, RunInfo, Tally};
 use ndarray::{ArrayD, Dimension};
 use serde::Serialize;

@@ -26,7 +26,7 @@ const GRID: RGBColor = RGBColor(228, 228, 228);
 
 /// A rectangle of the picture \[pixels\].
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Place {
+pub(super) struct Area {
     pub left: i32,
     pub top: i32,
     pub width: i32,
@@ -64,7 +64,7 @@ fn spaced(text: &str) -> String {
     text.replace(' ', "  ")
 }
 
-impl Place {
+impl Area {
     pub fn right(self) -> i32 {
         self.left + self.width
     }
@@ -173,13 +173,13 @@ impl Canvas<'_> {
     }
 
     /// Words in the middle of a place, readable on black and on white.
-    pub fn note(&self, place: Place, text: &str) -> Drawn {
+    pub fn note(&self, place: Area, text: &str) -> Drawn {
         let middle = (place.left + place.width / 2, place.top + place.height / 2);
         self.text(text, middle, (self.text, RGBColor(140, 140, 140)), (HPos::Center, VPos::Center))
     }
 
     /// Says that a map has no colour but the one of zero, if that is so.
-    pub fn note_if_dark(&self, place: Place, bar: &ColorBar) -> Drawn {
+    pub fn note_if_dark(&self, place: Area, bar: &ColorBar) -> Drawn {
         let text = if bar.scale.diverging { "no difference" } else { "no rays" };
         if bar.scale.high == 0.0 { self.note(place, text) } else { Ok(()) }
     }
@@ -190,7 +190,7 @@ impl Canvas<'_> {
     }
 
     /// Pixels of data, their top left corner at the corner of the place.
-    pub fn raster(&self, place: Place, raster: Raster) -> Drawn {
+    pub fn raster(&self, place: Area, raster: Raster) -> Drawn {
         let size = (raster.width as u32, raster.height as u32);
         let element = BitMapElement::with_owned_buffer((place.left, place.top), size, raster.rgb);
         let element: BitMapElement<'_, (i32, i32)> = element.ok_or("a picture of the wrong size")?;
@@ -198,13 +198,13 @@ impl Canvas<'_> {
     }
 
     /// A thin frame, just outside the pixels of the place.
-    pub fn frame(&self, place: Place) -> Drawn {
+    pub fn frame(&self, place: Area) -> Drawn {
         let corners = [(place.left - 1, place.top - 1), (place.right(), place.bottom())];
         self.root.draw(&Rectangle::new(corners, INK)).map_err(reason)
     }
 
     /// Light lines at the ticks.
-    pub fn grid(&self, place: Place, x: &Axis, y: &Axis) -> Drawn {
+    pub fn grid(&self, place: Area, x: &Axis, y: &Axis) -> Drawn {
         for (value, _) in &x.ticks {
             let at = place.x(*value, x.range);
             self.line((at, place.top), (at, place.bottom()), GRID, 0.05 * self.text)?;
@@ -217,12 +217,12 @@ impl Canvas<'_> {
     }
 
     /// A thin line along the lower edge of a place.
-    pub fn base_line(&self, place: Place) -> Drawn {
+    pub fn base_line(&self, place: Area) -> Drawn {
         self.line((place.left, place.bottom()), (place.right(), place.bottom()), INK, 1.0)
     }
 
     /// Ticks, labels and name below a place.
-    pub fn x_axis(&self, place: Place, axis: &Axis) -> Drawn {
+    pub fn x_axis(&self, place: Area, axis: &Axis) -> Drawn {
         let (reach, width) = ((0.3 * self.text) as i32, 0.045 * self.text);
         for (value, label) in &axis.ticks {
             let at = place.x(*value, axis.range);
@@ -235,7 +235,7 @@ impl Canvas<'_> {
     }
 
     /// Ticks, labels and name to the left of a place.
-    pub fn y_axis(&self, place: Place, axis: &Axis) -> Drawn {
+    pub fn y_axis(&self, place: Area, axis: &Axis) -> Drawn {
         let (reach, width) = ((0.3 * self.text) as i32, 0.045 * self.text);
         let edge = place.left - reach - (0.3 * self.text) as i32;
         for (value, label) in &axis.ticks {
@@ -248,7 +248,7 @@ impl Canvas<'_> {
     }
 
     /// The colours of a scale, with ticks in a unit whose prefix fits.
-    pub fn color_bar(&self, place: Place, bar: &ColorBar) -> Drawn {
+    pub fn color_bar(&self, place: Area, bar: &ColorBar) -> Drawn {
         let colors = bar.palette.lookup();
         let mut raster = Raster::filled(place.width as usize, place.height as usize, [0; 3]);
         for (row, pixels) in raster.rgb.chunks_exact_mut(3 * place.width as usize).enumerate() {
@@ -283,7 +283,7 @@ impl Canvas<'_> {
     }
 
     /// A filled staircase: `edges` has one value more than `heights`.
-    pub fn staircase(&self, place: Place, (x, y): (&Axis, &Axis), edges: &[f64], heights: &[f64]) -> Drawn {
+    pub fn staircase(&self, place: Area, (x, y): (&Axis, &Axis), edges: &[f64], heights: &[f64]) -> Drawn {
         let mut line = vec![(place.x(edges[0], x.range), place.bottom())];
         for (edge, height) in edges.windows(2).zip(heights) {
             let level = place.y(*height, y.range);

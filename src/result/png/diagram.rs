@@ -6,7 +6,7 @@ use crate::result::picture::Rgb;
 use crate::result::picture::polar::{in_equal_solid_angles, sector};
 use crate::result::picture::ticks::ticks;
 use crate::result::png::canvas::{Drawn, picture, text_width};
-use crate::result::png::figures::{self, EQUAL_CELLS, Head, numbers_of};
+use crate::result::png::charts::{self, EQUAL_CELLS, Head, numbers_of};
 use ndarray::Array2;
 use plotters::style::text_anchor::{HPos, VPos};
 use std::path::Path;
@@ -32,7 +32,7 @@ pub(crate) fn far_field(
     let colors = head.colors.map(|colors| colors.changed(|map| in_equal_solid_angles(map, solid_angles)));
     let head = Head { colors: colors.as_ref(), ..*head };
     // A diagram has curves, and no cells that could have a colour.
-    let draw = if head.style.is_polar && colors.is_none() { polar_diagram } else { figures::directions };
+    let draw = if head.style.is_polar && colors.is_none() { polar_diagram } else { charts::directions };
     draw(path, &head, &intensity, reach)
 }
 

@@ -18,7 +18,7 @@ use crate::engine::pipeline_cache::Shaders;
 use crate::error::{Error, Result};
 use crate::format::shown;
 use crate::gpu::Gpu;
-use crate::model::place::quoted;
+use crate::model::key_path::quoted;
 use crate::model::{Bsdf, Precision, SceneIr};
 use crate::program::layout::bindings;
 use crate::program::rewrite::jvp::{Parameter, Tangents};

@@ -5,7 +5,7 @@ use crate::format::thousands;
 use crate::gpu::{AdapterChoice, Gpu};
 use crate::model::{Precision, SceneIr, ray_id, surface_optics};
 use crate::result::output::TALLY;
-use crate::result::{DetectorData, FluxSum, RaySet, RunInfo, Tally, TraceResult};
+use crate::result::{DetectorData, FluxSum, RaySpans, RunInfo, Tally, TraceResult};
 use crate::run::blocks::trace_on;
 use crate::run::checkpoint::{Checkpoint, Identity};
 use crate::run::precision::WantedPrecision;
@@ -74,7 +74,7 @@ pub(super) fn check(
     ir: &SceneIr,
     findings: &mut Vec<Finding>,
 ) -> Result<u64> {
-    let mut covered = RaySet::default();
+    let mut covered = RaySpans::default();
     let mut num_rays = 0;
     let expected = Sums::of(&sums.tally).checksums();
     let mut added = vec![0_u128; expected.len()];

@@ -12,7 +12,7 @@ mod broken;
 mod eulumdat;
 mod ies;
 
-use crate::model::place::quoted;
+use crate::model::key_path::quoted;
 use crate::model::polar_table::flux;
 use crate::model::sources::tabulated::{Plane, mirrored};
 pub use eulumdat::{read_eulumdat, write_eulumdat};

@@ -6,7 +6,7 @@ mod stream;
 mod taking;
 
 use crate::format::{shown, significant};
-use crate::model::place::{key_of, quoted};
+use crate::model::key_path::{key_of, quoted};
 use crate::model::sources::rays::{RayFileUsed, Written};
 use crate::scene::json::{SceneFile, Source};
 use crate::scene::ray_files;

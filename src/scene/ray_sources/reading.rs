@@ -1,7 +1,7 @@
 //! What a ray file holds, read from its beginning to its end.
 
 use crate::model::sources::OwnFlux;
-use crate::model::sources::rays::{Bounds, MOST_RAYS, Order, RayGroup, RaySet, StreamedRay, Written};
+use crate::model::sources::rays::{Bounds, FileRays, MOST_RAYS, Order, RayGroup, StreamedRay, Written};
 use crate::scene::ray_files::{self, FluxKind, RayFile};
 use crate::scene::ray_sources::stream::{Ends, FileStream};
 use crate::scene::ray_sources::taking::{Refusal, Taking};
@@ -10,7 +10,7 @@ use std::sync::Arc;
 
 /// What a file holds, for the sources of one scale, order and list of wavelengths.
 pub(super) struct Reading {
-    pub(super) set: Arc<RaySet>,
+    pub(super) set: Arc<FileRays>,
     /// Rays with light.
     pub(super) num_rays: usize,
     /// The flux of all rays, in the file's unit.
@@ -57,11 +57,11 @@ impl Reading {
             set: Arc::new(match rays {
                 Rays::Held(mut groups) => {
                     groups.retain(|group| !group.shares.is_empty());
-                    RaySet::held(sha256, written.scale, groups)
+                    FileRays::held(sha256, written.scale, groups)
                 }
                 Rays::Streamed { ends, bounds } => {
                     let stream = FileStream::new(path, (file, state), taking, ends);
-                    RaySet::streamed(sha256, written.scale, Arc::new(stream), bounds)
+                    FileRays::streamed(sha256, written.scale, Arc::new(stream), bounds)
                 }
             }),
         })

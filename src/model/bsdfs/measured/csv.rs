@@ -1,7 +1,7 @@
 //! Tables of CSV files: a header that names the columns, and a line for each combination of the angles.
 
 use crate::model::bsdfs::measured::grid::{Grid, ScatterType};
-use crate::model::place::quoted;
+use crate::model::key_path::quoted;
 use crate::{Error, Result};
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -2,7 +2,7 @@
 
 use crate::model::bsdfs::measured::hemisphere::within_hemisphere;
 use crate::model::bsdfs::measured::table::{MeasuredRow, MeasuredTable};
-use crate::model::place::quoted;
+use crate::model::key_path::quoted;
 use crate::model::{PolarTable, checks};
 use crate::{Error, Result};
 use schemars::JsonSchema;

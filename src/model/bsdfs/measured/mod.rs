@@ -16,7 +16,7 @@ pub use crate::model::bsdfs::measured::table::{MeasuredRow, MeasuredTable};
 use crate::model::bsdfs::{
     Bsdf, BsdfContext, BsdfKind, BsdfWgsl, Labelled, Scattering, WrittenBsdf, other_side,
 };
-use crate::model::place::{key_of, quoted};
+use crate::model::key_path::{key_of, quoted};
 use crate::model::{Interaction, whole_files};
 use crate::shaders::shader;
 use crate::{Error, Result};

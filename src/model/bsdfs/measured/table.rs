@@ -1,7 +1,7 @@
 //! The table that is traced: what was measured at each angle of incidence, with the energy that it has.
 
 use crate::model::PolarTable;
-use crate::model::place::quoted;
+use crate::model::key_path::quoted;
 
 /// Values of a BSDF about the specular direction.
 #[derive(Debug, Clone, PartialEq)]

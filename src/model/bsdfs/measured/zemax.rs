@@ -3,7 +3,7 @@
 use crate::model::bsdfs::measured::csv::type_of;
 use crate::model::bsdfs::measured::grid::Grid;
 use crate::model::checks;
-use crate::model::place::quoted;
+use crate::model::key_path::quoted;
 use crate::{Error, Result};
 use std::str::FromStr;
 

@@ -316,7 +316,7 @@ impl Rewriter<'_, '_> {
                 out.push(call, Span::UNDEFINED);
                 return Ok(());
             }
-            let value = self.call_plain(new.plain, values, out);
+            let value = self.call_for_result(new.plain, values, out);
             if let Some(old) = result {
                 self.known.insert(old, value);
                 let change = match rule {
@@ -346,7 +346,7 @@ impl Rewriter<'_, '_> {
             out.push(call, Span::UNDEFINED);
             return Ok(());
         };
-        let found = self.call_plain(with_tangents, all, out);
+        let found = self.call_for_result(with_tangents, all, out);
         if !self.has_reals(old) {
             self.known.insert(old, found);
             self.tangents.insert(old, None);

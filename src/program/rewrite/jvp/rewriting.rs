@@ -27,7 +27,7 @@ pub(in crate::program) struct NewFunction {
 }
 
 /// True of a variable that shaders do not write for the host, nor share between invocations.
-pub(in crate::program) fn is_read(variable: &GlobalVariable) -> bool {
+pub(in crate::program) fn is_input(variable: &GlobalVariable) -> bool {
     match variable.space {
         AddressSpace::Private | AddressSpace::Uniform => true,
         AddressSpace::Storage { access } => !access.contains(StorageAccess::STORE),
@@ -83,7 +83,7 @@ impl<'a> Rewriting<'a> {
         let num_twins = self.num * uniforms().filter(|(_, variable)| self.has_reals(variable.ty)).count();
         let are_uniforms = uniforms().count() + num_twins <= MOST_UNIFORMS;
         for (handle, variable) in self.old.global_variables.iter() {
-            if !is_read(variable) || !self.has_reals(variable.ty) {
+            if !is_input(variable) || !self.has_reals(variable.ty) {
                 continue;
             }
             let twins = (1..=self.num as u32).map(|number| {

@@ -78,7 +78,7 @@ impl Transposer<'_> {
         forward.extend(record);
         match old.result {
             Some(_) => {
-                back.call_plain(made.forward, forward, &mut out);
+                back.call_for_result(made.forward, forward, &mut out);
             }
             None => {
                 let call = Statement::Call { function: made.forward, arguments: forward, result: None };
@@ -92,7 +92,7 @@ impl Transposer<'_> {
             let call = Statement::Call { function: made.back, arguments: given, result: None };
             out.push(call, Span::UNDEFINED);
         } else {
-            let found = back.call_plain(made.back, given, &mut out);
+            let found = back.call_for_result(made.back, given, &mut out);
             for (member, ty, pointer) in taken {
                 let Some(index) = made.members[member] else { continue };
                 let adjoint = Adjoint::whole(back.part(found, index, &mut out));
@@ -144,7 +144,7 @@ impl<'r, 'm> Back<'r, 'm> {
         activity: Activity,
     ) -> Self {
         let old = &shared.module.functions[function];
-        let name = format!("{}_back", old.name.as_deref().unwrap_or_default());
+        let name = format!("{}_backward", old.name.as_deref().unwrap_or_default());
         Back {
             shared,
             function,
@@ -434,7 +434,7 @@ impl<'r, 'm> Back<'r, 'm> {
             if self.varies(arguments[1]) {
                 let cell = self.value(arguments[0]);
                 let told = self.shared.rewriting.plain(ADJOINT_OF)?;
-                let found = self.call_plain(told, vec![cell], out);
+                let found = self.call_for_result(told, vec![cell], out);
                 self.contribute_whole(arguments[1], found, out);
             }
             return Ok(());
@@ -493,7 +493,7 @@ impl<'r, 'm> Back<'r, 'm> {
             out.push(call, Span::UNDEFINED);
             return Ok(());
         }
-        let adjoints = self.call_plain(made.back, all, out);
+        let adjoints = self.call_for_result(made.back, all, out);
         for (argument, member) in arguments.iter().zip(&made.members) {
             if let Some(member) = member {
                 let adjoint = self.part(adjoints, *member, out);

@@ -37,7 +37,7 @@ impl Emitter {
         arguments: Vec<Handle<Expression>>,
     ) -> Handle<Expression> {
         let mut body = std::mem::take(&mut self.body);
-        let value = self.call_plain(function, arguments, &mut body);
+        let value = self.call_for_result(function, arguments, &mut body);
         self.body = body;
         value
     }

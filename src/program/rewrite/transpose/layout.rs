@@ -1,7 +1,7 @@
 //! Which numbers of the scene have adjoints, and in which order these are summed.
 
 use crate::program::layout::bindings;
-use crate::program::rewrite::jvp::rewriting::is_read;
+use crate::program::rewrite::jvp::rewriting::is_input;
 use naga::{ArraySize, GlobalVariable, Handle, Module, Scalar, Type, TypeInner};
 
 /// Sums after the sums of the numbers: deposits times the adjoints of their cells, rays with adjoints that are not
@@ -14,7 +14,7 @@ pub(super) fn has_adjoint(module: &Module, variable: &GlobalVariable) -> bool {
         module.types[variable.ty].inner,
         TypeInner::Array { size: ArraySize::Dynamic | ArraySize::Pending(_), .. }
     );
-    is_sized && is_read(variable)
+    is_sized && is_input(variable)
 }
 
 /// The numbers that have adjoints: by binding, then in their order in the buffer.

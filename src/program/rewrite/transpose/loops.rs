@@ -48,7 +48,7 @@ impl Transposer<'_> {
         }
         let record_type = self.structure("Record", &record.types.clone())?;
         let mut back = Emitter::default();
-        back.new.name = Some(format!("{name}_back"));
+        back.new.name = Some(format!("{name}_backward"));
         let argument = |back: &mut Emitter, name: &str, ty: Handle<Type>| {
             let index = back.new.arguments.len() as u32;
             back.new.arguments.push(FunctionArgument { name: Some(name.into()), ty, binding: None });

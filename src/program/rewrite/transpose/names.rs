@@ -21,7 +21,8 @@ pub(super) const BACK: &str = "_back";
 /// adjoint. Each event must write such a variable before it reads it: an event is walked back alone.
 pub(super) const OF_PASS: [&str; 5] = ["last_hit", "noted", LOST, CUT_LOOPS, FORWARD_NOTED];
 
-/// The error of a function that does something for which there is no way back.
+/// The error of a function that does something for which there is no way back. `Transposer::transposed` catches the error,
+/// and writes the function's way back from its tangents. Where tangents cannot serve either, the user reads the error.
 pub(super) fn no_way_back(name: &str) -> Error {
     Error::NoWayBack(name.to_owned())
 }

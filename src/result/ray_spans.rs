@@ -18,7 +18,7 @@ pub struct RaySpan {
 /// The ids of the rays that were traced, as spans in ascending order. Neighbours are joined, so that the set does not
 /// depend on how the rays were cut into passes.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct RaySet {
+pub struct RaySpans {
     spans: Vec<RaySpan>,
 }
 
@@ -29,7 +29,7 @@ impl RaySpan {
     }
 }
 
-impl RaySet {
+impl RaySpans {
     /// The spans, ascending.
     pub fn spans(&self) -> &[RaySpan] {
         &self.spans
@@ -58,7 +58,7 @@ impl RaySet {
     }
 
     /// A span of ids that both hold, if there is one.
-    pub fn overlap(&self, other: &RaySet) -> Option<(u64, u64)> {
+    pub fn overlap(&self, other: &RaySpans) -> Option<(u64, u64)> {
         let (mut mine, mut others) = (self.spans.iter().peekable(), other.spans.iter().peekable());
         while let (Some(a), Some(b)) = (mine.peek(), others.peek()) {
             let (first, end) = (a.first.max(b.first), a.end().min(b.end()));
@@ -75,7 +75,7 @@ impl RaySet {
     }
 }
 
-impl AddAssign<RaySpan> for RaySet {
+impl AddAssign<RaySpan> for RaySpans {
     fn add_assign(&mut self, span: RaySpan) {
         if span.count == 0 {
             return;
@@ -94,8 +94,8 @@ impl AddAssign<RaySpan> for RaySet {
     }
 }
 
-impl AddAssign<&RaySet> for RaySet {
-    fn add_assign(&mut self, other: &RaySet) {
+impl AddAssign<&RaySpans> for RaySpans {
+    fn add_assign(&mut self, other: &RaySpans) {
         other.spans.iter().for_each(|span| *self += *span);
     }
 }
@@ -108,8 +108,8 @@ mod tests {
         RaySpan { first, count: end - first, source }
     }
 
-    fn set(spans: &[RaySpan]) -> RaySet {
-        let mut set = RaySet::default();
+    fn set(spans: &[RaySpan]) -> RaySpans {
+        let mut set = RaySpans::default();
         spans.iter().for_each(|span| set += *span);
         set
     }
@@ -126,7 +126,7 @@ mod tests {
             assert_eq!(set(&turned).spans(), expected);
         }
         assert_eq!(set(&pieces).count_of(1), 25);
-        assert_eq!(set(&[span(5, 5, 0)]), RaySet::default());
+        assert_eq!(set(&[span(5, 5, 0)]), RaySpans::default());
     }
 
     #[test]
@@ -134,7 +134,7 @@ mod tests {
         let rays = set(&[span(3, 9, 0), span(16, 17, 1), span(1 << 40, (1 << 40) + 8, 0)]);
         // 3 4 5 6 7 8, 16, and two of each remainder by 4.
         assert_eq!(rays.counts_by_remainder(4), [2 + 1 + 2, 1 + 2, 1 + 2, 2 + 2]);
-        assert_eq!(RaySet::default().counts_by_remainder(3), [0, 0, 0]);
+        assert_eq!(RaySpans::default().counts_by_remainder(3), [0, 0, 0]);
     }
 
     #[test]
@@ -147,6 +147,6 @@ mod tests {
             ours.overlap(&set(&[span((1 << 40) + 4, 1 << 41, 0)])),
             Some(((1 << 40) + 4, (1 << 40) + 5))
         );
-        assert_eq!(ours.overlap(&RaySet::default()), None);
+        assert_eq!(ours.overlap(&RaySpans::default()), None);
     }
 }

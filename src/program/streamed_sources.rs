@@ -1,9 +1,9 @@
 //! The rays of files that are uploaded for each dispatch, as rows of the tables' buffer (shaders/sources/streamed_rays.wgsl).
 
 use crate::error::{Error, Result};
-use crate::model::sources::rays::{FileRays, MOST_UPLOADED, RayStream, UPLOADED_NUMBERS};
+use crate::model::sources::rays::{MOST_UPLOADED, RayStorage, RayStream, UPLOADED_NUMBERS};
 use crate::model::{SceneIr, SourceKind};
-use crate::program::layout::kind_tables::Places;
+use crate::program::layout::kind_tables::KindTables;
 use crate::program::layout::rng;
 use std::sync::Arc;
 
@@ -12,28 +12,31 @@ const SLOTS: [u32; 2] = [0, 1];
 
 /// The rays of files, by source.
 #[derive(Debug)]
-pub(super) struct Streams {
-    of_sources: Vec<Option<Stream>>,
+pub(super) struct StreamedSources {
+    of_sources: Vec<Option<StreamedSource>>,
     /// The wavelengths of the scene \[um\].
     wavelengths: Vec<f64>,
 }
 
 /// The rays of a file, and where their rows begin in the tables' buffer.
 #[derive(Debug)]
-struct Stream {
+struct StreamedSource {
     rays: Arc<dyn RayStream>,
     first: usize,
 }
 
-impl Streams {
-    pub(super) fn of(ir: &SceneIr, places: &Places) -> Self {
+impl StreamedSources {
+    pub(super) fn of(ir: &SceneIr, places: &KindTables) -> Self {
         let stream = |(number, kind): (usize, &SourceKind)| {
             let SourceKind::Rays(rays) = kind else { return None };
-            let FileRays::Streamed(rays) = &rays.set.rays else { return None };
-            Some(Stream { rays: rays.clone(), first: places.of_source(number)? })
+            let RayStorage::Streamed(rays) = &rays.set.rays else { return None };
+            Some(StreamedSource { rays: rays.clone(), first: places.of_source(number)? })
         };
         let kinds = ir.sources.iter().map(|source| &source.kind);
-        Streams { of_sources: kinds.enumerate().map(stream).collect(), wavelengths: ir.wavelengths.clone() }
+        StreamedSources {
+            of_sources: kinds.enumerate().map(stream).collect(),
+            wavelengths: ir.wavelengths.clone(),
+        }
     }
 
     /// True if rays of this source begin as rays that are uploaded.
@@ -68,7 +71,7 @@ impl Streams {
         Ok(Some((stream.first, numbers.collect())))
     }
 
-    fn of_source(&self, number: usize) -> Option<&Stream> {
+    fn of_source(&self, number: usize) -> Option<&StreamedSource> {
         self.of_sources.get(number)?.as_ref()
     }
 }

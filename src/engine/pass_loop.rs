@@ -1,5 +1,5 @@
-//! The whole trace: the host's loop over passes. The name means neither a phase front of light nor a queue on the
-//! device. Each pass takes its share of every source's rays, in ranges of one dispatch each.
+//! The whole trace: the host's loop over passes. Each pass takes its share of every source's rays, in ranges of one
+//! dispatch each.
 //!
 //! A pass is a pure function of its rays, because draws are keyed by the ray's id and sums are integers. So the sum
 //! over passes does not depend on how the rays were cut into ranges. Progress, interruption, limits, targets and

@@ -12,7 +12,7 @@ use crate::result::picture::raster::{Means, Raster, runs};
 use crate::result::picture::scale::{Palette, Scale, ScaleKind};
 use crate::result::picture::true_color::TrueColors;
 pub(crate) use crate::result::png::canvas::Drawn;
-use crate::result::png::canvas::{Axis, Canvas, ColorBar, Place, picture, text_width, with_unit};
+use crate::result::png::canvas::{Area, Axis, Canvas, ColorBar, picture, text_width, with_unit};
 use crate::result::png::style::Style;
 use ndarray::Array2;
 
@@ -36,9 +36,9 @@ fn text_size(data: (usize, usize)) -> f64 {
 
 /// Where the parts of a figure go: data on the left, a key on the right, a head above, axes around.
 struct FigureLayout {
-    data: Place,
+    data: Area,
     /// The place of the colours of a colour bar.
-    bar: Place,
+    bar: Area,
     head: (i32, i32),
     size: (i32, i32),
 }
@@ -62,9 +62,9 @@ impl FigureLayout {
         let (width, height) = (parts.data.0 as i32, parts.data.1 as i32);
         let room = height.max(px(LEAST_HEIGHT));
         let left = px(PAD) + px(2.1) + parts.y_labels;
-        let data = Place { left, top: px(HEAD), width, height };
+        let data = Area { left, top: px(HEAD), width, height };
         let bar =
-            Place { left: data.right() + px(BAR_GAP), top: px(HEAD), width: px(BAR_WIDTH), height: room };
+            Area { left: data.right() + px(BAR_GAP), top: px(HEAD), width: px(BAR_WIDTH), height: room };
         let head_width =
             text_width(parts.title, 1.45 * parts.text).max(text_width(parts.numbers, 0.95 * parts.text));
         let right = (bar.right() + parts.key).max(left + head_width).max(px(LEAST_WIDTH)) + px(PAD);
@@ -148,12 +148,12 @@ pub(crate) fn map_and_spectrum(
         canvas.title(layout.head, &format::shown(head.name), &numbers)?;
         panel.draw(canvas, &layout)?;
         let width = layout.data.width.max(px(16.0)).min(layout.size.0 - layout.data.left - px(PAD));
-        let place = Place { width, height: px(8.0), top: layout.size.1 - px(8.0 + FOOT), ..layout.data };
+        let place = Area { width, height: px(8.0), top: layout.size.1 - px(8.0 + FOOT), ..layout.data };
         spectrum(canvas, place, text, bins)
     })
 }
 
-fn spectrum(canvas: &Canvas, place: Place, text: f64, (edges, fluxes): (&[f64], &[f64])) -> Drawn {
+fn spectrum(canvas: &Canvas, place: Area, text: f64, (edges, fluxes): (&[f64], &[f64])) -> Drawn {
     let top = fluxes.iter().copied().fold(0.0, f64::max);
     let (factor, prefix) = si_prefix(top);
     let heights: Vec<f64> = fluxes.iter().map(|flux| flux / factor).collect();
@@ -339,7 +339,7 @@ pub(super) fn directions(path: &Path, head: &Head, intensity: &Array2<f64>, reac
         canvas.raster(layout.data, raster)?;
         canvas.note_if_dark(layout.data, &bar)?;
         azimuth_labels(canvas, layout.data, px(0.5))?;
-        let below = Place { height: layout.data.height + px(1.5), ..layout.data };
+        let below = Area { height: layout.data.height + px(1.5), ..layout.data };
         canvas.base_line(below)?;
         canvas.x_axis(below, &axis)?;
         canvas.color_bar(layout.bar, &bar)
@@ -361,7 +361,7 @@ fn polar_axis(limit: f64) -> Axis {
     }
 }
 
-fn azimuth_labels(canvas: &Canvas, disc: Place, gap: i32) -> Drawn {
+fn azimuth_labels(canvas: &Canvas, disc: Area, gap: i32) -> Drawn {
     let (radius, middle) = (disc.width / 2, (disc.left + disc.width / 2, disc.top + disc.height / 2));
     for angle in [-135, -90, -45, 0, 45, 90, 135, 180] {
         let (sin, cos) = f64::from(angle).to_radians().sin_cos();
@@ -431,7 +431,7 @@ pub(crate) fn spots(
         canvas.title(layout.head, &format::shown(head.name), &numbers)?;
 
         let mut raster = Raster::filled(SIZE, SIZE, [255; 3]);
-        let inner = Place { left: 0, top: 0, ..layout.data };
+        let inner = Area { left: 0, top: 0, ..layout.data };
         raster.lines(
             x.ticks.iter().map(|tick| inner.x(tick.0, x.range)),
             y.ticks.iter().map(|tick| inner.y(tick.0, y.range)),
@@ -544,7 +544,7 @@ impl WavelengthKey {
         self.labels().iter().map(|label| text_width(label, text)).max().unwrap_or(0)
     }
 
-    fn draw(&self, canvas: &Canvas, place: Place, text: f64) -> Drawn {
+    fn draw(&self, canvas: &Canvas, place: Area, text: f64) -> Drawn {
         for (row, (wavelength, label)) in self.wavelengths.iter().zip(self.labels()).enumerate() {
             let middle = place.top + ((row as f64 * 1.6 + 0.6) * text) as i32;
             canvas

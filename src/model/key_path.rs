@@ -1,22 +1,22 @@
-//! Places in a scene file, as error messages name them: `components[2].config.thickness`.
+//! Paths to keys in a scene file, as error messages name them: `components[2].config.thickness`.
 
 /// How much of the user's text a message shows \[characters\].
 const LONGEST_SHOWN: usize = 60;
 
 /// Where a value stands in the file, as a chain on the stack.
 #[derive(Clone, Copy)]
-pub(crate) enum Place<'a> {
+pub(crate) enum KeyPath<'a> {
     Root,
-    Key(&'a Place<'a>, &'a str),
-    Index(&'a Place<'a>, usize),
+    Key(&'a KeyPath<'a>, &'a str),
+    Index(&'a KeyPath<'a>, usize),
 }
 
-impl std::fmt::Display for Place<'_> {
+impl std::fmt::Display for KeyPath<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Place::Root => Ok(()),
-            Place::Key(parent, key) => f.write_str(&key_of(&parent.to_string(), key)),
-            Place::Index(parent, index) => write!(f, "{parent}[{index}]"),
+            KeyPath::Root => Ok(()),
+            KeyPath::Key(parent, key) => f.write_str(&key_of(&parent.to_string(), key)),
+            KeyPath::Index(parent, index) => write!(f, "{parent}[{index}]"),
         }
     }
 }
