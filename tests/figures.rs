@@ -135,6 +135,28 @@ fn figures_of_a_lambertian_lamp_are_those_of_its_formula() {
     }
     // sin^2 of 30 degrees.
     assert!(off(&figures.regions[0].figures["share"], 0.25).abs() < 4.0);
+
+    // Of a region that reaches over the edge, or of a cone beyond the horizon, the map has a part alone.
+    let said = |name: &str, region: Region| {
+        judged(&result, name, &[Region { half: (20.0, 20.0), ..part }, region]).remarks.join(" ")
+    };
+    let at = |x: f64| Region { centre: (x, 0.0), ..part };
+    for (region, outside) in
+        [(at(800.0), "50 %"), (at(600.0), "25 %"), (Region { half: (1600.0, 800.0), ..part }, "75 %")]
+    {
+        let said = said("desk", region);
+        assert!(said.contains(&format!("{outside} of region 2 lies outside of the map")), "{said}");
+    }
+    assert!(!said("desk", at(400.0)).contains("outside of the map"));
+    assert!(
+        said("sky", Region::cone(120.0)).contains("33 % of region 2 lies outside"),
+        "{}",
+        said("sky", Region::cone(120.0))
+    );
+    assert!(!said("sky", Region::cone(90.0)).contains("outside of the map"));
+    let within_a_pixel =
+        judge(&result, found(&result, "desk"), &Asked { regions: vec![rectangle((0.1, 0.1))], cells: None });
+    assert!(within_a_pixel.unwrap_err().to_string().contains("smaller than an eighth of a pixel"));
 }
 
 /// A Gaussian beam: irradiance falls to its half within 1.18 sigma.

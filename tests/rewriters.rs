@@ -240,7 +240,7 @@ fn an_operation_planted_wrong_is_found() {
     let (_, forward) = harness::forward(Real::F64, &functions, points.len() * NUM_INPUTS);
     let (_, back) = harness::back(Real::F64, &functions, points.len());
     let (mut num_planted, mut unseen) = (0, Vec::new());
-    for (suffix, text) in [("_with_tangents", &forward), ("_back", &back)] {
+    for (suffix, text) in [("_with_tangents", &forward), ("_backward", &back)] {
         for turn in 0.. {
             let mut spoilt = text.clone();
             let mut which = Vec::new();
@@ -253,7 +253,7 @@ fn an_operation_planted_wrong_is_found() {
                 break;
             }
             let found: Vec<Vec<(Option<f64>, Inputs)>> = match suffix {
-                "_back" => harness::run_back(&gpu, Real::F64, &spoilt, functions.len(), &points)
+                "_backward" => harness::run_back(&gpu, Real::F64, &spoilt, functions.len(), &points)
                     .into_iter()
                     .map(|rows| rows.into_iter().map(|slopes| (None, slopes)).collect())
                     .collect(),

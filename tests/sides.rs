@@ -35,7 +35,11 @@ fn face(name: &str, z: f64, shape: &Value, front: Value, back: Value) -> Value {
 
 /// A scene of these surfaces, on which a beam falls along z.
 fn scene(surfaces: &[Value]) -> SceneIr {
-    let text = json!({
+    Scene::from_json(&json_of(surfaces).to_string()).unwrap().lower().unwrap()
+}
+
+fn json_of(surfaces: &[Value]) -> Value {
+    json!({
         "nsq_schema_version": 1,
         "components": [],
         "sources": [{"type": "collimated", "name": "beam", "cs": {"z": -20}, "aperture_radius": 6, "total_flux": 1,
@@ -44,8 +48,7 @@ fn scene(surfaces: &[Value]) -> SceneIr {
                        "num_pixels_x": 4, "num_pixels_y": 4}],
         "nsq_gpu": {"version": 1, "media": {GLASS: {"type": "constant", "n": 1.5}, WATER: {"type": "constant", "n": 1.33}},
                     "surfaces": surfaces},
-    });
-    Scene::from_json(&text.to_string()).unwrap().lower().unwrap()
+    })
 }
 
 /// A shape that can be the first face of a solid, by its `type`.
@@ -242,8 +245,33 @@ fn a_light_guide_with_one_wall_turned_is_not_dark_in_silence() {
     let most = entered.iter().max().unwrap();
     assert_eq!((wrong.surfaces[1].name.as_str(), entered[1]), ("wall_1", *most), "{entered:?}");
     let said = warnings(&wrong, &dark);
-    assert!(said.iter().any(|warning| warning.contains("already was: `wall_1` (")), "{said:?}");
+    assert!(said.iter().any(|warning| warning.contains("has on that side: `wall_1` (")), "{said:?}");
     assert!(said.iter().any(|warning| warning.starts_with("`wall_1` is turned inside out")), "{said:?}");
+}
+
+/// A source in glass that says no medium is in vacuum, and the first face has glass in front, and water behind.
+#[test]
+fn a_source_in_a_solid_without_its_medium_is_noticed() {
+    let square = json!({"type": "plane", "width": 30, "height": 30});
+    let water = || json!({"type": "medium", "name": WATER});
+    let surfaces =
+        [face("inner", 0.0, &square, glass(), water()), face("outer", 10.0, &square, water(), Value::Null)];
+    let with_medium = |medium: Value| {
+        let mut text = json_of(&surfaces);
+        text["sources"][0]["medium"] = medium;
+        Scene::from_json(&text.to_string()).unwrap().lower().unwrap()
+    };
+    let options = zoo::options(1000, 5, Precision::F32);
+    let (right, wrong) = (with_medium(glass()), with_medium(Value::Null));
+    assert_eq!(on_wrong_sides(&zoo::trace(&right, &options)), 0);
+    let tally = zoo::trace(&wrong, &options);
+    assert!(tally.surfaces[0].entered_twice > 900, "{:?}", tally.surfaces[0]);
+    let said = warnings(&wrong, &tally);
+    assert!(
+        said.iter()
+            .any(|warning| warning.contains("a source stands in a solid without the solid's `medium`")),
+        "{said:?}"
+    );
 }
 
 #[test]

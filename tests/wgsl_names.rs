@@ -18,8 +18,8 @@ const RULES: &str = "program/rewrite/rules.rs";
 const REWRITING: &str = "program/rewrite/";
 
 /// Words that the compilers give to what they make, or that begin such a name.
-const GENERATED: [&str; 7] =
-    ["Adjoints", "adjoint", "Record", "record", "sums_of_adjoints", "_back", "df64_"];
+const GENERATED: [&str; 8] =
+    ["Adjoints", "adjoint", "Record", "record", "sums_of_adjoints", "_back", "_backward", "df64_"];
 
 /// Names that stand in no shader file, because the host writes the text that declares them.
 const COMPOSED: [(&str, &str); 6] = [

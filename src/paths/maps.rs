@@ -19,7 +19,7 @@ use crate::paths::layout::{self, PathTableSize};
 use crate::paths::wgsl::PathShader;
 use crate::program::RayRange;
 use crate::program::layout::bindings;
-use crate::result::light_paths::SpotMoments;
+use crate::result::light_paths::PlaceMoments;
 use crate::result::{RaySpans, Tally};
 use std::time::Instant;
 
@@ -52,7 +52,7 @@ pub struct PathMaps {
     /// [`crate::result::DetectorTally::replicates`].
     pub tally: Tally,
     /// Per watched sequence, where its light lies. Empty if that is not known.
-    pub places: Vec<SpotMoments>,
+    pub places: Vec<PlaceMoments>,
     /// False if the caller ended the trace before its last ray.
     pub is_whole: bool,
 }
@@ -177,7 +177,7 @@ impl Watch {
         [(bindings::PATHS, self.words.clone()), (bindings::PATHS_HEAD, self.head.clone())]
     }
 
-    fn read(&self, ir: &SceneIr, watched: &[Watched]) -> Result<Vec<SpotMoments>> {
+    fn read(&self, ir: &SceneIr, watched: &[Watched]) -> Result<Vec<PlaceMoments>> {
         let bytes = self.gpu.read(&self.words, 4 * self.num_words)?;
         let words: Vec<u32> = bytemuck::pod_collect_to_vec(&bytes);
         let rows = &words[self.layout.first_row(self.size) as usize..];
@@ -191,7 +191,7 @@ impl Watch {
                 row.half_width + row.half_height
             });
             let about = path.about.map(|coordinate| f64::from(coordinate as f32));
-            let mut places = SpotMoments { about, size, ..SpotMoments::default() };
+            let mut places = PlaceMoments { about, size, ..PlaceMoments::default() };
             for row in self.layout.row(rows, self.size, *slot) {
                 places.first[0] += layout::signed_sum(&row[..3]);
                 places.first[1] += layout::signed_sum(&row[3..6]);

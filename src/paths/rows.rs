@@ -7,7 +7,7 @@ use crate::model::{SceneIr, Sequence};
 use crate::paths::maps::{PathMaps, WantedMaps, Watched, trace_maps};
 use crate::program::Sampler;
 use crate::result::detectors::bins::pixel_area;
-use crate::result::light_paths::{Group, SpotMoments, groups};
+use crate::result::light_paths::{Group, PlaceMoments, groups};
 use crate::result::{
     Detector, DetectorTally, FluxSum, FluxUnit, Grouping, LightPath, PathSum, PathTable, PathTally,
     Recoating, Sorting, Tally,
@@ -146,7 +146,7 @@ pub fn table_with_maps(
     let num_maps = options.num_maps.min(groups.len());
     let mut maps: Vec<Option<PathMap>> = Vec::new();
     let mut peaks: Vec<Option<f64>> = Vec::new();
-    let mut places: HashMap<&Sequence, SpotMoments> = HashMap::new();
+    let mut places: HashMap<&Sequence, PlaceMoments> = HashMap::new();
     let mut is_whole = true;
     // At least one trace, which finds where the light of all rows lies.
     for first in (0..num_maps.max(1)).step_by(per_trace) {
@@ -197,14 +197,14 @@ pub fn table_with_maps(
         let has_places = |sequence: &&&Sequence| {
             is_whole && sequence.end.detector().is_some_and(|number| ir.detectors[number].kind.is_placed())
         };
-        let parts: Vec<(PathSum, SpotMoments)> = group
+        let parts: Vec<(PathSum, PlaceMoments)> = group
             .sequences
             .iter()
             .filter(has_places)
             .filter_map(|sequence| Some((sums.rows[*sequence], *places.get(sequence)?, *sequence)))
             .map(|(sum, places, sequence)| scaled(sum, places, options.recoating.factor(sequence)))
             .collect();
-        if let Some((centroid, rms_radius)) = SpotMoments::spot(&parts) {
+        if let Some((centroid, rms_radius)) = PlaceMoments::spot(&parts) {
             (row.centroid, row.rms_radius) = (Some(centroid), Some(rms_radius));
         }
         row.peak_irradiance = peaks.get(rank).copied().flatten().filter(|_| is_whole);
@@ -224,7 +224,7 @@ pub fn table_with_maps(
 }
 
 /// The sum of a sequence and its places, times a factor.
-fn scaled(sum: PathSum, places: SpotMoments, factor: f64) -> (PathSum, SpotMoments) {
+fn scaled(sum: PathSum, places: PlaceMoments, factor: f64) -> (PathSum, PlaceMoments) {
     if factor == 1.0 {
         return (sum, places);
     }

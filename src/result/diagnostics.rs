@@ -27,7 +27,7 @@ pub struct DetectorDiagnostic {
 /// Rays that took the inside of a solid for its outside, and what that means.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct WrongSides {
-    /// By surface, how often it let a ray pass into the medium in which the ray already was.
+    /// By surface, how often a ray passed it from another medium than the surface has on that side.
     pub entered_twice: BTreeMap<String, u64>,
     /// By detector, or by the surface that they left last: rays that ended in a medium in which they were not born.
     pub ended_inside: BTreeMap<String, u64>,

@@ -119,7 +119,7 @@ pub struct PathTable {
 
 /// Where the light of a sequence lies on its detector, about a point: sums of weight times x, y and their squares.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct SpotMoments {
+pub struct PlaceMoments {
     /// The point \[mm\].
     pub about: [f64; 2],
     /// The unit of distances \[mm\].
@@ -441,25 +441,25 @@ impl PathTable {
     }
 }
 
-impl SpotMoments {
+impl PlaceMoments {
     /// The places of so much of the light.
     pub(crate) fn scaled(self, factor: f64) -> Self {
         let scaled = |sum: i128| (sum as f64 * factor).round() as i128;
-        SpotMoments { first: self.first.map(scaled), second: scaled(self.second), ..self }
+        PlaceMoments { first: self.first.map(scaled), second: scaled(self.second), ..self }
     }
 
     /// The centroid and the RMS radius of light \[mm\] that several sequences brought: their sums and their places.
-    pub fn spot(parts: &[(PathSum, SpotMoments)]) -> Option<([f64; 2], f64)> {
+    pub fn spot(parts: &[(PathSum, PlaceMoments)]) -> Option<([f64; 2], f64)> {
         let weight: f64 = parts.iter().map(|(sum, _)| sum.quanta as f64).sum();
         if weight == 0.0 {
             return None;
         }
-        let mean = |part: &(PathSum, SpotMoments), axis: usize| {
+        let mean = |part: &(PathSum, PlaceMoments), axis: usize| {
             let (sum, places) = part;
             places.about[axis] + places.size * (places.first[axis] as f64 / sum.quanta as f64)
         };
-        let share = |(sum, _): &(PathSum, SpotMoments)| sum.quanta as f64 / weight;
-        let lit: Vec<(PathSum, SpotMoments)> =
+        let share = |(sum, _): &(PathSum, PlaceMoments)| sum.quanta as f64 / weight;
+        let lit: Vec<(PathSum, PlaceMoments)> =
             parts.iter().filter(|(sum, _)| sum.quanta > 0).copied().collect();
         let centroid = [0, 1].map(|axis| lit.iter().map(|part| share(part) * mean(part, axis)).sum::<f64>());
         let square: f64 = lit

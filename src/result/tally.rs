@@ -120,7 +120,7 @@ pub struct SurfaceTally {
     pub reached: bool,
     /// Rays that ended there (absorbing surfaces), or events with a loss (mirrors), and what they left there.
     pub absorbed: FluxSum,
-    /// Times that the surface let a ray pass into the medium in which the ray already was.
+    /// Times that a ray passed the surface from another medium than the surface has on that side.
     pub entered_twice: u64,
     /// Rays that left the surface last, and escaped in a medium in which they were not born.
     pub ended_inside: u64,

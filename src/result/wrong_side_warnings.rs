@@ -31,8 +31,9 @@ pub(super) fn of(ir: &SceneIr, tally: &Tally) -> Option<WrongSides> {
     let mut warnings = Vec::new();
     if !entered_twice.is_empty() {
         warnings.push(format!(
-            "{} time(s) a face let a ray into the medium in which the ray already was: {}. Such a face has its media on the wrong \
-             sides, the solid in front of that face is open, or two solids overlap",
+            "{} time(s) a ray passed a face from another medium than the face has on that side: {}. Such a face has its media on \
+             the wrong sides, the solid in front of that face is open, two solids overlap, or a source stands in a solid \
+             without the solid's `medium`",
             total(&entered_twice),
             with_counts(&entered_twice)
         ));

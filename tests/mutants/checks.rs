@@ -11,7 +11,7 @@ use nsq_gpu::model::surface_optics::splits;
 use nsq_gpu::model::{Detector, DetectorKind, End, Interaction, PathFilter, SceneIr, Sequence, Splat};
 use nsq_gpu::paths::maps::{PathMaps, Watched};
 use nsq_gpu::program::Precision;
-use nsq_gpu::result::light_paths::SpotMoments;
+use nsq_gpu::result::light_paths::PlaceMoments;
 use nsq_gpu::result::{DetectorTally, PathEventKind, Tally};
 use nsq_gpu::result::{FluxSum, PathSum};
 use nsq_gpu::run::{Collect, RecordPaths};
@@ -261,7 +261,7 @@ fn path_maps(bench: &Bench, scene_of: &Scene) -> Outcome {
         }
         whole.iter_mut().zip(cells).for_each(|(sum, cell)| *sum += cell);
         let parts = [(**sum, places[map])];
-        let (centroid, radius) = SpotMoments::spot(&parts).ok_or("no place")?;
+        let (centroid, radius) = PlaceMoments::spot(&parts).ok_or("no place")?;
         let (mut first, mut second) = ([0.0; 2], 0.0);
         let pitch = [grid.width / f64::from(grid.num_pixels_x), grid.height / f64::from(grid.num_pixels_y)];
         for (cell, quanta) in cells.iter().enumerate().filter(|(_, quanta)| **quanta > 0) {

@@ -84,7 +84,7 @@ fn branches_forward(u_3: vec4<f64>, v_3: vec4<f64>, n_3: u32, record: ptr<functi
     return (_e22 * u_3.w);
 }
 
-fn branches_back(adjoint: f64, record_1: Record_2_) -> Adjoints_1_ {
+fn branches_backward(adjoint: f64, record_1: Record_2_) -> Adjoints_1_ {
     var y_adjoint: f64;
     var adjoint_1: vec4<f64>;
     var adjoint_2: vec4<f64>;
@@ -124,12 +124,12 @@ fn branches_back(adjoint: f64, record_1: Record_2_) -> Adjoints_1_ {
     return Adjoints_1_(vec4<f64>((_e61 + _e64.x), _e64.y, _e64.z, ((adjoint * record_1.member_1_) + _e64.w)), _e73);
 }
 
-fn branches_back_1(u_4: vec4<f64>, v_4: vec4<f64>, n_4: u32, adjoint_u: ptr<function, vec4<f64>>, adjoint_v: ptr<function, vec4<f64>>, adjoint_3: f64) {
+fn branches_back(u_4: vec4<f64>, v_4: vec4<f64>, n_4: u32, adjoint_u: ptr<function, vec4<f64>>, adjoint_v: ptr<function, vec4<f64>>, adjoint_3: f64) {
     var record_2: Record_2_;
 
     let _e7 = branches_forward(u_4, v_4, n_4, (&record_2));
     let _e8 = record_2;
-    let _e9 = branches_back(adjoint_3, _e8);
+    let _e9 = branches_backward(adjoint_3, _e8);
     let _e11 = (*adjoint_u);
     (*adjoint_u) = (_e11 + _e9.member_0_);
     let _e14 = (*adjoint_v);
@@ -144,7 +144,7 @@ fn moved_forward(pose_2: Pose, by_2: f64, record_3: ptr<function, Record_4_>) ->
     return Pose((pose_2.place + (by_2 * _e4)), pose_2.kind, (pose_2.weight * by_2));
 }
 
-fn moved_back(adjoint_4: Pose, record_4: Record_4_) -> Adjoints_3_ {
+fn moved_backward(adjoint_4: Pose, record_4: Record_4_) -> Adjoints_3_ {
     let _e13 = (adjoint_4.place * record_4.member_0_);
     return Adjoints_3_(Pose(vec3<f64>((_e13.y + adjoint_4.place.x), (_e13.z + adjoint_4.place.y), (_e13.x + adjoint_4.place.z)), u32(), (adjoint_4.weight * record_4.member_0_)), ((adjoint_4.weight * record_4.member_1_) + dot(adjoint_4.place, record_4.member_2_)));
 }
@@ -175,12 +175,12 @@ fn a_struct_forward(u_5: vec4<f64>, v_5: vec4<f64>, n_5: u32, record_5: ptr<func
     return (_e19 * _e16.weight);
 }
 
-fn a_struct_back(adjoint_5: f64, record_8: Record_6_) -> Adjoints_5_ {
+fn a_struct_backward(adjoint_5: f64, record_8: Record_6_) -> Adjoints_5_ {
     var pose_adjoint: Pose;
 
     let _e5 = (adjoint_5 * record_8.member_0_);
     let _e12 = (_e5 * record_8.member_3_);
-    let _e20 = moved_back(Pose((_e5 * record_8.member_2_), u32(), (adjoint_5 * record_8.member_1_)), record_8.member_4_);
+    let _e20 = moved_backward(Pose((_e5 * record_8.member_2_), u32(), (adjoint_5 * record_8.member_1_)), record_8.member_4_);
     let _e28 = pose_adjoint.place;
     pose_adjoint.place = (_e28 + _e20.member_0_.place);
     let _e31 = pose_adjoint.weight;
@@ -191,7 +191,7 @@ fn a_struct_back(adjoint_5: f64, record_8: Record_6_) -> Adjoints_5_ {
     pose_adjoint.weight = (_e40 + _e36);
     let _e43 = pose_adjoint;
     pose_adjoint = Pose();
-    let _e47 = moved_back(_e43, record_8.member_5_);
+    let _e47 = moved_backward(_e43, record_8.member_5_);
     let _e55 = pose_adjoint.place;
     pose_adjoint.place = (_e55 + _e47.member_0_.place);
     let _e58 = pose_adjoint.weight;
@@ -201,12 +201,12 @@ fn a_struct_back(adjoint_5: f64, record_8: Record_6_) -> Adjoints_5_ {
     return Adjoints_5_(vec4<f64>(_e61.place.x, _e61.place.y, _e61.place.z, _e61.weight), vec4<f64>((_e12.x + _e47.member_1_), (_e12.y + _e20.member_1_), _e12.z, f64()));
 }
 
-fn a_struct_back_1(u_6: vec4<f64>, v_6: vec4<f64>, n_6: u32, adjoint_u_1: ptr<function, vec4<f64>>, adjoint_v_1: ptr<function, vec4<f64>>, adjoint_6: f64) {
+fn a_struct_back(u_6: vec4<f64>, v_6: vec4<f64>, n_6: u32, adjoint_u_1: ptr<function, vec4<f64>>, adjoint_v_1: ptr<function, vec4<f64>>, adjoint_6: f64) {
     var record_9: Record_6_;
 
     let _e7 = a_struct_forward(u_6, v_6, n_6, (&record_9));
     let _e8 = record_9;
-    let _e9 = a_struct_back(adjoint_6, _e8);
+    let _e9 = a_struct_backward(adjoint_6, _e8);
     let _e11 = (*adjoint_u_1);
     (*adjoint_u_1) = (_e11 + _e9.member_0_);
     let _e14 = (*adjoint_v_1);
@@ -222,7 +222,7 @@ fn scaled_by_forward(y_4: ptr<function, vec3<f64>>, by_3: f64, record_10: ptr<fu
     return (before_1 + by_3);
 }
 
-fn scaled_by_back(y_adjoint_1: ptr<function, vec3<f64>>, adjoint_7: f64, record_11: Record_8_) -> Adjoints_7_ {
+fn scaled_by_backward(y_adjoint_1: ptr<function, vec3<f64>>, adjoint_7: f64, record_11: Record_8_) -> Adjoints_7_ {
     let _e2 = (*y_adjoint_1);
     (*y_adjoint_1) = vec3<f64>();
     let _e11 = (*y_adjoint_1);
@@ -257,28 +257,28 @@ fn behind_a_pointer_forward(u_7: vec4<f64>, v_7: vec4<f64>, n_7: u32, record_12:
     return ((_e9 * _e6) + (_e12 * _e14));
 }
 
-fn behind_a_pointer_back(adjoint_8: f64, record_15: Record_10_) -> Adjoints_9_ {
+fn behind_a_pointer_backward(adjoint_8: f64, record_15: Record_10_) -> Adjoints_9_ {
     var y_adjoint_2: vec3<f64>;
 
     let _e9 = y_adjoint_2.z;
     y_adjoint_2.z = (_e9 + (adjoint_8 * record_15.member_1_));
-    let _e14 = scaled_by_back((&y_adjoint_2), (adjoint_8 * record_15.member_0_), record_15.member_2_);
+    let _e14 = scaled_by_backward((&y_adjoint_2), (adjoint_8 * record_15.member_0_), record_15.member_2_);
     let _e20 = (adjoint_8 * record_15.member_3_);
     let _e27 = (_e20 * record_15.member_6_);
     let _e32 = y_adjoint_2;
     y_adjoint_2 = (_e32 + (_e20 * record_15.member_5_));
-    let _e37 = scaled_by_back((&y_adjoint_2), (adjoint_8 * record_15.member_4_), record_15.member_7_);
+    let _e37 = scaled_by_backward((&y_adjoint_2), (adjoint_8 * record_15.member_4_), record_15.member_7_);
     let _e41 = y_adjoint_2;
     y_adjoint_2 = vec3<f64>();
     return Adjoints_9_(vec4<f64>(_e41.x, _e41.y, _e41.z, _e14.member_0_), vec4<f64>((_e27.x + _e37.member_0_), _e27.y, _e27.z, f64()));
 }
 
-fn behind_a_pointer_back_1(u_8: vec4<f64>, v_8: vec4<f64>, n_8: u32, adjoint_u_2: ptr<function, vec4<f64>>, adjoint_v_2: ptr<function, vec4<f64>>, adjoint_9: f64) {
+fn behind_a_pointer_back(u_8: vec4<f64>, v_8: vec4<f64>, n_8: u32, adjoint_u_2: ptr<function, vec4<f64>>, adjoint_v_2: ptr<function, vec4<f64>>, adjoint_9: f64) {
     var record_16: Record_10_;
 
     let _e7 = behind_a_pointer_forward(u_8, v_8, n_8, (&record_16));
     let _e8 = record_16;
-    let _e9 = behind_a_pointer_back(adjoint_9, _e8);
+    let _e9 = behind_a_pointer_backward(adjoint_9, _e8);
     let _e11 = (*adjoint_u_2);
     (*adjoint_u_2) = (_e11 + _e9.member_0_);
     let _e14 = (*adjoint_v_2);

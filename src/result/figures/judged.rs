@@ -319,7 +319,13 @@ fn over_polar_angles(field: &Field, columns: &[usize]) -> Profile {
 fn of_region(region: Region, field: &Field, coarse: &Field, total: &Total) -> Result<RegionFigures> {
     let shares = region.shares(field);
     if !shares.iter().any(|share| *share > 0.0) {
-        return Err(Error::Usage("a region lies outside of the map".into()));
+        let problem = match region.share_outside(field) < 1.0 {
+            true => {
+                "a region is smaller than an eighth of a pixel; give a larger one, or the detector more pixels"
+            }
+            false => "a region lies outside of the map",
+        };
+        return Err(Error::Usage(problem.into()));
     }
     let (flux, share) = total.of_part(field, &shares);
     let size: f64 = shares.indexed_iter().map(|((row, _), share)| share * field.measure[row]).sum();
@@ -347,6 +353,15 @@ fn remarks(figures: &Figures, coarse: &Field, total: &Total) -> Vec<String> {
             "noise moves {} by more than a standard error: trace more rays, or take larger cells",
             moved.join(", ")
         ));
+    }
+    for (number, of_region) in (1..).zip(&figures.regions) {
+        let outside = of_region.region.share_outside(coarse);
+        if outside > 0.01 {
+            remarks.push(format!(
+                "{:.0} % of region {number} lies outside of the map: its figures are of the rest, and not of all its light",
+                100.0 * outside
+            ));
+        }
     }
     let is_far_field = coarse.geometry == CellGeometry::Polar;
     if is_far_field && total.flux > 0.0 && !figures.whole.contains_key("beam_angle_deg") {

@@ -118,6 +118,36 @@ impl Region {
         })
     }
 
+    /// Which share of the region lies outside of the map, to some 1 %: of its area, or of its solid angle.
+    pub fn share_outside(&self, field: &Field) -> f64 {
+        const STEPS: u32 = 200;
+        let along = |step: u32, centre: f64, half: f64| {
+            centre + half * (2.0 * (f64::from(step) + 0.5) / f64::from(STEPS) - 1.0)
+        };
+        let reach = field.polar_angle(field.dim().0 as f64);
+        let is_outside = |(x, y): (f64, f64)| match field.geometry {
+            CellGeometry::Rectangles => {
+                x < field.x_range.0 || x > field.x_range.1 || y < field.y_range.0 || y > field.y_range.1
+            }
+            CellGeometry::Polar => x.hypot(y) > reach,
+        };
+        let points = (0..STEPS).flat_map(|row| (0..STEPS).map(move |column| (column, row)));
+        let places = points.map(|(column, row)| {
+            (along(column, self.centre.0, self.half.0), along(row, self.centre.1, self.half.1))
+        });
+        // The disc of a far field shows solid angles larger towards its rim.
+        let measure = |(x, y): (f64, f64)| match (field.geometry, f64::hypot(x, y).to_radians()) {
+            (CellGeometry::Polar, angle) if angle > 0.0 => angle.sin().max(0.0) / angle,
+            _ => 1.0,
+        };
+        let (mut outside, mut whole) = (0.0, 0.0);
+        for place in places.filter(|place| self.contains(*place)) {
+            whole += measure(place);
+            outside += if is_outside(place) { measure(place) } else { 0.0 };
+        }
+        outside / whole
+    }
+
     /// The cells in the region. Only cells near it are tested, so that a small region on a large map can be dragged
     /// smoothly.
     fn cells(self, field: &Field) -> impl Iterator<Item = Cell> + Clone + '_ {

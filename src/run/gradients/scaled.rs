@@ -108,10 +108,11 @@ pub(super) fn unquoted(name: &str) -> String {
     name.replace('"', "")
 }
 
-/// True of `radius`, `r1`, `r2`, and so on: 0 stands for a flat face.
+/// True of `radius`, `radius_x`, `r1`, `r2`, and so on: 0 stands for a flat face.
 fn is_radius(key: &str) -> bool {
     let digits = key.strip_prefix('r').unwrap_or_default();
-    key == "radius" || !digits.is_empty() && digits.chars().all(|digit| digit.is_ascii_digit())
+    matches!(key, "radius" | "radius_x" | "radius_y")
+        || !digits.is_empty() && digits.chars().all(|digit| digit.is_ascii_digit())
 }
 
 /// How large a change of a coefficient is one that counts: it moves points of a shape by [`MOVED`] of the shape's size. None if
