@@ -24,6 +24,7 @@ use nsq_gpu::viewer::settings::{Plane, Settings};
 use nsq_gpu::viewer::tracing::{Device, State};
 use nsq_gpu::viewer::two_results::ComparisonMode;
 use nsq_gpu::viewer::{App, Model, screenshot};
+use serde_json::{Value, json};
 use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -1096,27 +1097,58 @@ fn the_main_views_look_as_they_were_reviewed() {
         model.title = scene.into();
         prepare(&mut model);
         let picture = screenshot::draw(&mut App::new(model), (1100.0, 720.0), 0.5, || false).unwrap();
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/snapshots/viewer_{name}.png"));
-        if std::env::var_os("NSQ_GPU_UPDATE_SNAPSHOTS").is_some() {
-            std::fs::write(&path, picture.to_png().unwrap()).unwrap();
-        }
-        let reviewed = read_png(&path);
-        assert_eq!(picture.rgba.len(), reviewed.len(), "{name} has another size");
-        let share = differing(&picture.rgba, &reviewed);
-        if share >= 0.01 {
-            let found = std::env::temp_dir().join(format!("viewer_{name}.png"));
-            std::fs::write(&found, picture.to_png().unwrap()).unwrap();
-            panic!(
-                "{:.1} % of the pixels differ from {}: see {}",
-                100.0 * share,
-                path.display(),
-                found.display()
-            );
-        }
+        check_as_reviewed(name, &picture);
         shown.push(picture.rgba);
     }
     // Another scale is told from the one that was reviewed.
     assert!(differing(&shown[0], &shown[1]) > 0.05);
+}
+
+/// A lamp that is even about its axis, and one that is not: their diagrams stand beside the scene.
+#[test]
+fn lamps_have_their_polar_diagrams() {
+    if !has_adapter("lamps_have_their_polar_diagrams") {
+        return;
+    }
+    let lamp = |name: &str, x: f64, azimuths: Value, intensity: Value| {
+        json!({"type": "tabulated", "name": name, "cs": {"x": x}, "polar_angles_deg": [0, 15, 30, 45, 60, 75, 90],
+            "azimuth_angles_deg": azimuths, "intensity": intensity, "intensity_units": "cd",
+            "spectrum": {"wavelengths": [0.555], "weights": [1]}})
+    };
+    let batwing = json!([[200, 240, 300, 350, 300, 120, 0], [200, 190, 150, 100, 60, 20, 0]]);
+    let scene = json!({"nsq_schema_version": 1, "components": [], "sources": [
+            lamp("downlight", -400.0, json!([0]), json!([900, 860, 620, 250, 60, 10, 0])),
+            lamp("aisle", 400.0, json!([0, 90]), batwing),
+        ], "detectors": [{"type": "irradiance", "name": "floor", "cs": {"z": 2000}, "width": 4000, "height": 2000,
+            "num_pixels_x": 40, "num_pixels_y": 20}]});
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("hall.json");
+    std::fs::write(&path, scene.to_string()).unwrap();
+    let mut model = model(&path);
+    (model.title, model.subject, model.run.num_rays) = ("hall".into(), Subject::Scene, 20_000);
+    let picture = screenshot::draw(&mut App::new(model), (1100.0, 720.0), 0.75, || false).unwrap();
+    check_as_reviewed("lamps", &picture);
+}
+
+/// Fails if a picture is not the reviewed one of that name, or takes it as reviewed where the user says so.
+fn check_as_reviewed(name: &str, picture: &screenshot::Picture) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/snapshots/viewer_{name}.png"));
+    if std::env::var_os("NSQ_GPU_UPDATE_SNAPSHOTS").is_some() {
+        std::fs::write(&path, picture.to_png().unwrap()).unwrap();
+    }
+    let reviewed = read_png(&path);
+    assert_eq!(picture.rgba.len(), reviewed.len(), "{name} has another size");
+    let share = differing(&picture.rgba, &reviewed);
+    if share >= 0.01 {
+        let found = std::env::temp_dir().join(format!("viewer_{name}.png"));
+        std::fs::write(&found, picture.to_png().unwrap()).unwrap();
+        panic!(
+            "{:.1} % of the pixels differ from {}: see {}",
+            100.0 * share,
+            path.display(),
+            found.display()
+        );
+    }
 }
 
 fn read_png(path: &Path) -> Vec<u8> {

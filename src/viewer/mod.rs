@@ -6,6 +6,7 @@
 //! light     the table of the detector that is shown, and what is ticked and shown of it
 //! model     results, comparison, choices -> Picture (field, scale | spots); needs no window
 //! line_profile, two_results, spots    what is shown, as pure functions (field, region: result/figures)
+//! polar     the polar diagrams of a far field and of lamps
 //! silhouettes     the scene from the side, as curves in a plane
 //! plot, screen_pixels    axes with a view; pixels of the screen (scales and colours: result/picture)
 //! app, views      panels around the plot
@@ -19,6 +20,7 @@ pub mod light;
 pub mod line_profile;
 pub mod model;
 pub mod plot;
+pub mod polar;
 pub mod screen_pixels;
 pub mod screenshot;
 pub mod settings;

@@ -17,7 +17,7 @@ const RADIUS: f64 = 550.0;
 const TEXT: f64 = 29.0;
 /// Planes, the azimuths of their halves, of which the first is drawn to the right \[deg\], and their colours. Plane C lies at the
 /// azimuth 360 - C, as in a lamp's file.
-const PLANES: [(&str, [f64; 2], Rgb); 2] =
+pub(crate) const PLANES: [(&str, [f64; 2], Rgb); 2] =
     [("C0–C180", [0.0, 180.0], [200, 60, 30]), ("C90–C270", [-90.0, 90.0], [30, 90, 180])];
 
 /// Draws intensities by polar angle and azimuth, with the solid angles of the rings' cells: as a disc, or as a polar diagram. Polar

@@ -7,6 +7,7 @@ pub mod export_menu;
 pub mod judged;
 pub mod left_panel;
 pub mod paths_panel;
+pub mod polar_diagram;
 pub mod right_panel;
 pub mod run_bar;
 pub mod side_view;

@@ -7,7 +7,7 @@ use crate::result::figures::region::{EncircledEnergy, RegionOutline, Statistics}
 use crate::result::{LedgerEntry, TraceResult};
 use crate::viewer::model::{Picture, RegionFigures, Subject};
 use crate::viewer::state::App;
-use crate::viewer::views::{judged, quiet, row, table, title, value, with_error};
+use crate::viewer::views::{judged, polar_diagram, quiet, row, table, title, value, with_error};
 use eframe::egui::{ScrollArea, Ui};
 
 /// The panel on the right.
@@ -16,8 +16,10 @@ pub fn show(app: &mut App, ui: &mut Ui) {
         if matches!(app.model.subject, Subject::Detector(_)) {
             cursor(app, ui);
             region(app, ui);
-            judged::polar_diagram(app, ui);
+            polar_diagram::far_field(app, ui);
             judged::figures(app, ui);
+        } else {
+            polar_diagram::lamps(app, ui);
         }
         if let Some(result) = app.model.a() {
             ledger(ui, result);

@@ -1,0 +1,149 @@
+//! Polar diagrams, as people know them of lamps: intensity over the polar angle. One is of a far field that was traced,
+//! others are of the lamps of a scene, before a ray is traced.
+
+use crate::model::photometry::{efficacy, is_visible};
+use crate::model::{PolarTable, SceneIr, Source, SourceKind};
+use crate::result::figures::field::Field;
+use crate::result::picture::Rgb;
+use crate::result::png::diagram::{PLANES, planes};
+use crate::result::{Detector, DetectorData};
+
+/// A diagram of two planes through the axis.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Diagram {
+    /// The largest polar angle: 90 or 180 \[deg\].
+    pub reach: f64,
+    /// Unit of the intensities: cd or W/sr.
+    pub unit: &'static str,
+    /// A curve for each plane.
+    pub curves: Vec<Curve>,
+}
+
+/// The intensity in a plane through the axis.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Curve {
+    /// The plane.
+    pub name: &'static str,
+    /// The curve's colour.
+    pub color: Rgb,
+    /// Polar angles \[deg\], rising and negative in the half to the left, with their intensities.
+    pub points: Vec<(f64, f64)>,
+}
+
+impl Diagram {
+    /// The largest intensity.
+    pub fn top(&self) -> f64 {
+        self.curves.iter().flat_map(|curve| &curve.points).map(|(_, value)| *value).fold(0.0, f64::max)
+    }
+}
+
+/// The diagram of a far field; `None` of any other detector.
+pub fn of_far_field(detector: &Detector) -> Option<Diagram> {
+    let DetectorData::FarField(pattern) = &detector.data else { return None };
+    let field = Field::of_detector(detector)?;
+    let (field, reach) = (field.of_equal_solid_angles(), pattern.reach());
+    let curves = planes(&field.values).map(|(name, [right, left], color)| {
+        let angle = |row: usize| reach * (row as f64 + 0.5) / right.len() as f64;
+        let left = left.iter().enumerate().rev().map(|(row, value)| (-angle(row), *value));
+        let right = right.iter().enumerate().map(|(row, value)| (angle(row), *value));
+        Curve { name, color, points: left.chain(right).collect() }
+    });
+    Some(Diagram { reach, unit: field.labels.value.1, curves: curves.into() })
+}
+
+/// The diagrams of the lamps of a scene, as their tables say: of lamps that are alike, one, with all of their names.
+pub fn of_lamps(ir: &SceneIr) -> Vec<(Vec<String>, Diagram)> {
+    let mut found: Vec<(Vec<String>, Diagram)> = Vec::new();
+    for source in &ir.sources {
+        let SourceKind::Tabulated(lamp) = &source.kind else { continue };
+        let diagram = of_lamp(ir, source, &lamp.table);
+        match found.iter_mut().find(|(_, known)| *known == diagram) {
+            Some((names, _)) => names.push(source.name.clone()),
+            None => found.push((vec![source.name.clone()], diagram)),
+        }
+    }
+    found
+}
+
+fn of_lamp(ir: &SceneIr, source: &Source, table: &PolarTable) -> Diagram {
+    let below = std::iter::once(&0.0).chain(&source.spectrum.cdf);
+    let weights = source.spectrum.cdf.iter().zip(below).map(|(cdf, below)| cdf - below);
+    let lines = source.spectrum.wavelengths.iter().zip(weights);
+    let lumens_per_watt: f64 = lines.map(|(line, weight)| weight * efficacy(ir.wavelengths[*line])).sum();
+    let (unit, factor) = if is_visible(lumens_per_watt) { ("cd", lumens_per_watt) } else { ("W/sr", 1.0) };
+    let scale = factor * source.total_flux / table.flux();
+    let half = |azimuth: f64| -> Vec<(f64, f64)> {
+        let angles = table.polar.iter().map(|angle| angle.to_degrees());
+        angles.zip(row_of(table, azimuth.to_radians()).into_iter().map(|value| scale * value)).collect()
+    };
+    let is_of_revolution = table.rows.windows(2).all(|rows| rows[0] == rows[1]);
+    let num = if is_of_revolution { 1 } else { PLANES.len() };
+    let curves = PLANES.iter().zip([0.0, 90.0]).take(num).map(|(&(name, _, color), azimuth)| {
+        let left = half(azimuth + 180.0).into_iter().rev().map(|(angle, value)| (-angle, value));
+        let name = if is_of_revolution { "all planes" } else { name };
+        Curve { name, color, points: left.chain(half(azimuth)).collect() }
+    });
+    let last = table.polar.last().map_or(0.0, |angle| angle.to_degrees());
+    Diagram { reach: if last > 90.0 + 1e-9 { 180.0 } else { 90.0 }, unit, curves: curves.collect() }
+}
+
+/// The values over the polar angles of a table at an azimuth \[rad\].
+fn row_of(table: &PolarTable, azimuth: f64) -> Vec<f64> {
+    let next = table.azimuth.partition_point(|known| *known <= azimuth).clamp(1, table.azimuth.len() - 1);
+    let [low, high] = [next - 1, next];
+    let part = (azimuth - table.azimuth[low]) / (table.azimuth[high] - table.azimuth[low]);
+    table.rows[low].iter().zip(&table.rows[high]).map(|(a, b)| a + part * (b - a)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Scene;
+    use serde_json::{Value, json};
+
+    fn lamps(sources: &[Value]) -> Vec<(Vec<String>, Diagram)> {
+        let text = json!({"nsq_schema_version": 1, "components": [], "detectors": [], "sources": sources});
+        of_lamps(&Scene::from_json(&text.to_string()).unwrap().lower().unwrap())
+    }
+
+    fn lamp(name: &str, wavelength: f64) -> Value {
+        json!({"type": "tabulated", "name": name, "cs": {}, "polar_angles_deg": [0, 45, 90],
+            "azimuth_angles_deg": [0, 90, 180, 270, 360], "intensity_units": if wavelength < 0.7 { "cd" } else { "W/sr" },
+            "intensity": [[100, 80, 0], [100, 60, 10], [100, 40, 0], [100, 20, 0], [100, 80, 0]],
+            "spectrum": {"wavelengths": [wavelength], "weights": [1]}})
+    }
+
+    #[test]
+    fn a_lamp_has_the_planes_of_its_table() {
+        let found = lamps(&[lamp("one", 0.555), lamp("two", 0.555), lamp("warm", 0.9)]);
+        let names: Vec<&[String]> = found.iter().map(|(names, _)| names.as_slice()).collect();
+        assert_eq!(names, [["one", "two"].map(String::from).as_slice(), ["warm".to_string()].as_slice()]);
+        assert_eq!([found[0].1.unit, found[1].1.unit], ["cd", "W/sr"]);
+        for (_, Diagram { reach, curves, .. }) in &found {
+            assert_eq!(*reach, 90.0);
+            let near = |curve: &Curve, expected: [f64; 6]| {
+                let angles = [-90.0, -45.0, 0.0, 0.0, 45.0, 90.0];
+                assert_eq!(curve.points.len(), 6);
+                for ((found, angle), value) in curve.points.iter().zip(angles).zip(expected) {
+                    assert!((found.0 - angle).abs() < 1e-9 && (found.1 - value).abs() < 1e-9, "{curve:?}");
+                }
+            };
+            // C180 to the left and C0 to the right; then C270 and C90.
+            near(&curves[0], [0.0, 40.0, 100.0, 100.0, 80.0, 0.0]);
+            near(&curves[1], [0.0, 20.0, 100.0, 100.0, 60.0, 10.0]);
+        }
+    }
+
+    #[test]
+    fn a_lamp_of_revolution_has_one_curve() {
+        let mut even = lamp("even", 0.555);
+        (even["azimuth_angles_deg"], even["intensity"]) = (json!([0]), json!([3, 2, 1]));
+        even["polar_angles_deg"] = json!([0, 90, 180]);
+        let found = lamps(&[even]);
+        assert_eq!(
+            (found[0].1.reach, found[0].1.curves.len(), found[0].1.curves[0].name),
+            (180.0, 1, "all planes")
+        );
+        assert!((found[0].1.top() - 3.0).abs() < 1e-9);
+    }
+}
