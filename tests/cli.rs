@@ -1097,3 +1097,23 @@ mod profile {
         assert!(stderr(&output).contains("no timestamps"));
     }
 }
+
+/// A ghost of the last face and the first passes all faces three times: `paths` follows rays farther than `trace`.
+#[test]
+fn paths_are_followed_as_far_as_ghosts_go() {
+    if !has_adapter("paths_are_followed_as_far_as_ghosts_go") {
+        return;
+    }
+    let scene = scene_path("double_gauss").display().to_string();
+    let depth = |arguments: &[&str]| {
+        let said = run(&[arguments, &["-n", "2000"]].concat());
+        assert_eq!(said.code, Some(0), "{}", said.stderr);
+        let number = said.stdout.split("max_depth ").nth(1).unwrap();
+        number.split(|c: char| !c.is_ascii_digit()).next().unwrap().parse::<u32>().unwrap()
+    };
+    assert_eq!(depth(&["trace", &scene]), 20);
+    assert_eq!(depth(&["paths", &scene]), 40);
+    assert_eq!(depth(&["paths", &scene, "--max-depth", "24"]), 24);
+    assert_eq!(depth(&["diff", &scene, &scene]), 20);
+    assert_eq!(depth(&["diff", &scene, &scene, "--guide"]), 40);
+}

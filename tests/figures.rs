@@ -201,6 +201,7 @@ fn check_intervals(splats: &[&str], seeds: u64, wanted: RangeInclusive<f64>) {
     let parts = [rectangle((400.0, 200.0)), rectangle((137.0, 400.0))];
     let cone = Region::cone(30.0);
     let means = parts.map(|part| mean_lux(part.half));
+    let mean_of_desk = mean_lux((800.0, 400.0));
     let fluxes: Vec<f64> =
         parts.iter().zip(means).map(|(part, mean)| mean * 4e-6 * part.half.0 * part.half.1).collect();
     for splat in splats {
@@ -212,6 +213,7 @@ fn check_intervals(splats: &[&str], seeds: u64, wanted: RangeInclusive<f64>) {
         for seed in 0..seeds {
             let result = traced(&text(&[lamp()], &[desk(splat), sky(false)]), 100_000, seed);
             let desk = judged(&result, "desk", &parts);
+            note("mean of the desk", &desk.whole["mean"], mean_of_desk, 1.0);
             for (number, region) in desk.regions.iter().enumerate() {
                 let flux = &region.figures["flux"];
                 // A bilinear splat blurs the edge of a part by a pixel of 25 mm: less than its error here.
@@ -248,6 +250,42 @@ fn noise_of_the_least_cell_is_said() {
     assert!(least.value < 0.8, "{least:?}");
     assert!(least.is_moved() && least.noise_bias.unwrap() < -0.05, "{least:?}");
     assert!(figures.remarks.iter().any(|remark| remark.contains("min_over_max")), "{:?}", figures.remarks);
+}
+
+/// A desk that is darkest in its corners, of cells that are known to 10 %: the stated bias of the least and of the largest cell
+/// is the one that they have, to within a third. More noise on the map itself would say half of it.
+#[test]
+fn the_bias_of_extreme_cells_is_the_one_that_they_have() {
+    let (mut biases, mut stated) = ([0.0; 2], [0.0; 2]);
+    // A cell of 50 x 50 mm in a corner, and one at the foot of the lamp.
+    let lux = |x: f64, y: f64| 1000.0 / (1.0 + (x * x + y * y) * 1e-6).powi(2);
+    let truth = [lux(775.0, 375.0), lux(25.0, 25.0)];
+    for seed in 0..24 {
+        let result = traced(&text(&[lamp()], &[desk("bilinear")]), 50_000, 100 + seed);
+        let asked = Asked { cells: Some([32, 16]), ..Asked::default() };
+        let figures = judge(&result, found(&result, "desk"), &asked).unwrap();
+        for (number, name) in ["min", "max"].into_iter().enumerate() {
+            let figure = figures.whole[name];
+            biases[number] += (figure.value - truth[number]) / 24.0;
+            stated[number] += figure.noise_bias.unwrap() / 24.0;
+        }
+    }
+    for (bias, stated) in biases.into_iter().zip(stated) {
+        assert!((0.67..1.5).contains(&(stated / bias)), "{biases:?}, and stated {stated:?}");
+    }
+}
+
+/// Where even the coarsest cells of 16 a side are known to more than 2 %, a remark says so.
+#[test]
+fn cells_that_are_not_well_known_are_said() {
+    let few = judged(&traced(&text(&[lamp()], &[desk("bilinear")]), 20_000, 1), "desk", &[]);
+    assert!(
+        few.remarks.iter().any(|remark| remark.contains("cells of 32 x 16 are known to")),
+        "{:?}",
+        few.remarks
+    );
+    let many = judged(&traced(&text(&[lamp()], &[desk("bilinear")]), 8_000_000, 1), "desk", &[]);
+    assert!(!many.remarks.iter().any(|remark| remark.contains("are known to")), "{:?}", many.remarks);
 }
 
 /// A far field over the sphere has the same rays as one of two folded hemispheres, to the bit, and those from behind apart.

@@ -246,7 +246,7 @@ fn a_scene_takes_a_lamps_file() {
     for (source, problem) in [
         (json!({"type": "tabulated", "file": "none.ies"}), "none.ies"),
         (json!({"type": "tabulated", "file": "lamp.txt"}), ".ldt"),
-        (json!({"type": "tabulated", "file": "lamp.ies", "intensity": [1.0]}), "a table of its own"),
+        (json!({"type": "tabulated", "file": "lamp.ies", "intensity": [1.0]}), "`intensity` as well"),
         (json!({"type": "tabulated", "file": "lamp.ies", "total_flux": -1.0}), "total_flux"),
     ] {
         std::fs::write(folder.path().join("wrong.json"), of(source)).unwrap();

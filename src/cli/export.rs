@@ -3,7 +3,7 @@
 use crate::cli::console::say;
 use crate::cli::output_file::OutputFile;
 use crate::error::{Error, Result};
-use crate::format::{path_text, shown, significant};
+use crate::format::{path_text, percent, shown, significant};
 use crate::result::lamp::lamp_of;
 use crate::result::{Detector, DetectorData, TraceResult};
 use crate::scene::lamps::{Lamp, write_eulumdat, write_ies};
@@ -32,10 +32,14 @@ pub struct Args {
     overwrite: bool,
 }
 
+/// Error of a far field's cells from which a note says that a lamp's file would hold noise.
+const NOISY: f64 = 0.05;
+
 /// Writes the files, and says what they hold.
 pub fn run(args: &Args) -> Result<String> {
     let result = TraceResult::read(&args.result)?;
-    let lamp = lamp_of(&result, detector(&result, args.detector.as_deref())?, args.forward)?;
+    let detector = detector(&result, args.detector.as_deref())?;
+    let lamp = lamp_of(&result, detector, args.forward)?;
     let place = |path: &PathBuf| OutputFile::new(path, args.overwrite, Path::new(""), |_| false);
     let [ies, ldt] = [&args.ies, &args.ldt].map(|path| path.as_ref().map(place).transpose());
     let texts = [(ies?, Ok(write_ies(&lamp))), (ldt?, write_eulumdat(&lamp))];
@@ -46,6 +50,12 @@ pub fn run(args: &Args) -> Result<String> {
         let path = place.write(text.as_bytes())?;
         say(&format!("written: {}", path.display()));
         said += &line(path, &lamp);
+    }
+    if let Some(error) = detector.mean_relative_error().filter(|error| *error > NOISY) {
+        said += &format!(
+            "note: the intensities are known to {} on average, and their peak is noise: trace more rays, or take fewer bins\n",
+            percent(error)
+        );
     }
     Ok(said)
 }

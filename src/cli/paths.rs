@@ -156,7 +156,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     let guide_file = args.trace.guide_file(&args.scene)?;
     let stop = stop_on_interrupt()?;
     let gpu = args.device.open()?;
-    let run = Run::of(&scene, &ir).named(args.scene.display()).on(&gpu);
+    let run = Run::of(&scene, &ir).named(args.scene.display()).on(&gpu).follow_ghosts();
     let (run, rows) = (args.trace.set(run)?, args.trace.path_rows()?);
     let mut run = run.change_options(|options| {
         options.collect = Collect::Paths { rows, ends: args.ends };

@@ -78,13 +78,18 @@ fn parse_angles(text: &str) -> std::result::Result<Angles, String> {
     match parts[..] {
         [list] => list.split(',').map(number).collect::<std::result::Result<_, _>>().map(Angles),
         [first, last, step] => {
+            if text.contains(',') {
+                return Err(format!("`{text}` mixes a list and a range; write 0,5,40 or 0:40:5"));
+            }
             let (first, last, step) = (number(first)?, number(last)?, number(step)?);
+            if step == 0.0 || (last - first) * step < 0.0 {
+                let problem = if step == 0.0 { "has a step of 0" } else { "steps away from its last angle" };
+                return Err(format!("`{text}` {problem}; write first:last:step, such as 0:80:2"));
+            }
             // The last one counts although sums round.
             let count = ((last - first) / step + 1e-9).floor();
             if !(0.0..MOST_ANGLES).contains(&count) {
-                return Err(format!(
-                    "`{text}` has no angles, or too many; write first:last:step, such as 0:80:2"
-                ));
+                return Err(format!("`{text}` has too many angles; write first:last:step, such as 0:80:2"));
             }
             Ok(Angles((0..=count as u32).map(|i| first + step * f64::from(i)).collect()))
         }

@@ -55,7 +55,11 @@ fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&
     known
         .into_iter()
         .take(MAX_CANDIDATES)
-        .map(|candidate| (strsim::damerau_levenshtein(&short, candidate), candidate))
+        .map(|candidate| {
+            // A capital is the smallest of mistakes.
+            let is_alike = short.to_lowercase() == candidate.to_lowercase();
+            (if is_alike { 0 } else { strsim::damerau_levenshtein(&short, candidate) }, candidate)
+        })
         .filter(|(distance, candidate)| *distance <= 1 + candidate.chars().count() / 3)
         .min_by_key(|(distance, _)| *distance)
         .map(|(_, candidate)| candidate)

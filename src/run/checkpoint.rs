@@ -105,6 +105,23 @@ fn sampling_text(ir: &SceneIr) -> String {
 /// Marks the identity of sums whose recorded paths are in a file of their own.
 const PATHS_APART: &str = ", in ray_paths.npz alone";
 
+/// What differs between two lists of fields, each as text that is not long.
+fn apart(theirs: &str, ours: &str) -> (String, String) {
+    const LONGEST: usize = 120;
+    let fields = |text: &str| -> Vec<String> { text.split(", ").map(String::from).collect() };
+    let (theirs, ours) = (fields(theirs), fields(ours));
+    let of = |fields: &[String], others: &[String]| {
+        let more: Vec<&str> =
+            fields.iter().filter(|field| !others.contains(field)).map(String::as_str).collect();
+        let text = if more.is_empty() { "no more".to_owned() } else { more.join(", ") };
+        match text.char_indices().nth(LONGEST) {
+            Some((end, _)) => format!("{}…", &text[..end]),
+            None => text,
+        }
+    };
+    (of(&theirs, &ours), of(&ours, &theirs))
+}
+
 impl Identity {
     /// The identity of a trace of `ir` on an adapter.
     pub fn new(ir: &SceneIr, scene: Option<String>, options: &TraceOptions, adapter: &AdapterInfo) -> Self {
@@ -178,7 +195,8 @@ impl Identity {
         compare("sampler", &theirs.sampler, &self.sampler);
         compare("max_depth", &theirs.max_depth, &self.max_depth);
         compare("min_flux_fraction", &theirs.min_flux_fraction, &self.min_flux_fraction);
-        compare("sampling", &theirs.sampling, &self.sampling);
+        let (of_theirs, of_ours) = apart(&theirs.sampling, &self.sampling);
+        compare("sampling", &of_theirs, &of_ours);
         compare("standard errors", &theirs.standard_error, &self.standard_error);
         compare("recorded paths", &theirs.paths, &self.paths);
         compare("table of paths", &theirs.path_table, &self.path_table);

@@ -63,7 +63,7 @@ impl Run<'_> {
         b: &Scene,
         mut next: impl FnMut(&Status) -> Next,
     ) -> Result<SceneDifference> {
-        let run = Run { max_depth: self.max_depth.or_else(|| pair.depth()), ..self };
+        let run = Run { max_depth: self.max_depth.or_else(|| pair.depth(self.looks_for_ghosts())), ..self };
         let (gpu, wanted) = (run.device()?, run.precision);
         let settled = run.settle_by(&gpu, |options| pair.choose_precision(&gpu, options, wanted))?;
         let Settled { options, info } = run.guided(&gpu, settled, None)?;
@@ -105,8 +105,9 @@ impl<'a> Pair<'a> {
     }
 
     /// The largest number of events that a ray of either scene should have.
-    fn depth(&self) -> Option<u32> {
-        self.scenes().map(depth::of_scene).into_iter().max()
+    fn depth(&self, looks_for_ghosts: bool) -> Option<u32> {
+        let of = if looks_for_ghosts { depth::of_ghosts } else { depth::of_scene };
+        self.scenes().map(of).into_iter().max()
     }
 
     /// The precision that both scenes need.

@@ -167,11 +167,9 @@ impl<'a> Run<'a> {
             None => options.live,
         };
         TraceOptions {
-            max_depth: self.max_depth.unwrap_or_else(|| {
-                match self.guiding.is_some() || self.scene.is_guided() {
-                    true => crate::model::depth::of_ghosts(&self.model),
-                    false => crate::model::depth::of_scene(&self.model),
-                }
+            max_depth: self.max_depth.unwrap_or_else(|| match self.looks_for_ghosts() {
+                true => crate::model::depth::of_ghosts(&self.model),
+                false => crate::model::depth::of_scene(&self.model),
             }),
             standard_error: match self.target_error {
                 Some(_) => StandardError::On,

@@ -81,6 +81,7 @@ pub struct Run<'a> {
     options: TraceOptions,
     /// Overrides the depth of `options`. `None`: the depth of the file that the run resumes, or the scene's.
     max_depth: Option<u32>,
+    follows_ghosts: bool,
     /// Overrides the precision of `options`, by [`precision::choose`].
     precision: WantedPrecision,
     /// The error of f32 is predicted before the rays are traced, also where it is only reported. Otherwise a second device
@@ -176,6 +177,7 @@ impl<'a> Run<'a> {
             name: None,
             options: TraceOptions::default(),
             max_depth: None,
+            follows_ghosts: false,
             precision: WantedPrecision::Auto,
             predicts_first: false,
             device: Device::Choice(AdapterChoice::default()),
@@ -262,6 +264,18 @@ impl<'a> Run<'a> {
     #[must_use]
     pub fn max_depth(self, max_depth: u32) -> Self {
         Run { max_depth: Some(max_depth), ..self }
+    }
+
+    /// Where nobody says the largest number of events, rays are followed as far as guided ones
+    /// ([`crate::model::depth::of_ghosts`]).
+    #[must_use]
+    pub fn follow_ghosts(self) -> Self {
+        Run { follows_ghosts: true, ..self }
+    }
+
+    /// True if rays are followed as far as ghosts go.
+    fn looks_for_ghosts(&self) -> bool {
+        self.follows_ghosts || self.guiding.is_some() || self.scene.is_guided()
     }
 
     /// The precision.

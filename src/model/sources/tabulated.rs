@@ -259,17 +259,20 @@ impl Written {
 
     /// Its keys that a file fills. `place` is the source's.
     pub(crate) fn file_and_table(&self, place: &str) -> Result<Option<&str>> {
-        let has_table = !self.polar_angles_deg.is_empty()
-            || self.azimuth_angles_deg != [0.0]
-            || !self.intensity.rows().iter().all(|row| row.is_empty())
-            || self.intensity_units != IntensityUnits::Relative;
-        match &self.file {
-            Some(_) if has_table => Err(crate::Error::scene(
+        let of_table = [
+            ("polar_angles_deg", !self.polar_angles_deg.is_empty()),
+            ("azimuth_angles_deg", self.azimuth_angles_deg != [0.0]),
+            ("intensity", !self.intensity.rows().iter().all(|row| row.is_empty())),
+            ("intensity_units", self.intensity_units != IntensityUnits::Relative),
+        ];
+        let given = of_table.iter().find(|(_, is_given)| *is_given);
+        match (&self.file, given) {
+            (Some(_), Some((key, _))) => Err(crate::Error::scene(
                 key_of(place, "file"),
-                "the source has a table of its own as well",
+                format!("the source has `{key}` as well, which the file says"),
                 "give the file, or angles and intensities",
             )),
-            file => Ok(file.as_deref()),
+            (file, _) => Ok(file.as_deref()),
         }
     }
 }

@@ -253,6 +253,29 @@ impl Field {
         Field { values, sigma, hits, measure, ..self.clone() }
     }
 
+    /// The map with each cell in the place of itself and its neighbours: their flux over their measure. Errors stay errors of
+    /// single cells.
+    pub fn smoothed(&self) -> Field {
+        let (rows, columns) = self.dim();
+        let near = |at: usize, num: usize| at.saturating_sub(1)..(at + 2).min(num);
+        let about = |(row, column): Cell| -> Vec<Cell> {
+            let columns: Vec<usize> = match self.geometry {
+                CellGeometry::Rectangles => near(column, columns).collect(),
+                CellGeometry::Polar => (0..3).map(|step| (column + columns + step - 1) % columns).collect(),
+            };
+            near(row, rows).flat_map(|row| columns.iter().map(move |&column| (row, column))).collect()
+        };
+        let mean = |cell: Cell, of: &dyn Fn(Cell) -> f64| {
+            let cells = about(cell);
+            let measure: f64 = cells.iter().map(|cell| self.measure[cell.0]).sum();
+            cells.iter().map(|&cell| of(cell) * self.measure[cell.0]).sum::<f64>() / measure
+        };
+        let all = |of: &dyn Fn(Cell) -> f64| Array2::from_shape_fn((rows, columns), |cell| mean(cell, of));
+        let values = all(&|cell| self.values[cell]);
+        let sigma = all(&|cell| self.known_error(cell).powi(2)).mapv(f64::sqrt);
+        Field { values, sigma, ..self.clone() }
+    }
+
     /// A far field in cells of about equal solid angle, shown in its own cells ([`polar::in_equal_solid_angles`]). Cells that
     /// share their light have one error.
     pub fn of_equal_solid_angles(&self) -> Field {

@@ -1,7 +1,7 @@
 //! The figures of a detector.
 
 use crate::error::{Error, Result};
-use crate::format::shown;
+use crate::format::{percent, shown};
 use crate::result::figures::crossings::Profile;
 use crate::result::figures::field::{CellGeometry, Field};
 use crate::result::figures::found::{Figure, Figures, Named, RegionFigures};
@@ -61,6 +61,11 @@ pub fn judge(result: &TraceResult, detector: &Detector, asked: &Asked) -> Result
         whole.extend(widths(&coarse, total.error.is_some()));
     }
     whole.insert("flux".into(), Figure::unmoved(total.flux, total.error));
+    if let Some(mean) = whole.get_mut("mean") {
+        // Neighbouring pixels may share rays, so the error comes from the flux.
+        let relative = total.error.map(|error| error / total.flux);
+        *mean = Figure::unmoved(mean.value, relative.map(|relative| relative * mean.value));
+    }
     let regions = asked
         .regions
         .iter()
@@ -74,7 +79,7 @@ pub fn judge(result: &TraceResult, detector: &Detector, asked: &Asked) -> Result
         regions,
         remarks: Vec::new(),
     };
-    figures.remarks = remarks(&figures, &coarse, &total);
+    figures.remarks = remarks(&figures, &coarse, &total, asked.cells.is_none());
     Ok(figures)
 }
 
@@ -143,17 +148,7 @@ impl Total {
             rows.is_multiple_of(*by) && columns.is_multiple_of(*by) && rows.min(columns) / by >= FEWEST_CELLS
         };
         let sizes: Vec<usize> = (1..=rows.min(columns)).filter(divides).collect();
-        let is_known = |by: &&usize| {
-            let coarse = self.coarser(field, **by);
-            let coarse =
-                if coarse.geometry == CellGeometry::Polar { coarse.of_equal_solid_angles() } else { coarse };
-            let (mut errors, mut flux) = (0.0, 0.0);
-            for ((row, column), _) in coarse.values.indexed_iter() {
-                errors += coarse.known_error((row, column)) * coarse.measure[row];
-                flux += coarse.flux_of((row, column));
-            }
-            errors <= KNOWN * flux
-        };
+        let is_known = |by: &&usize| error_of_cells(&self.coarser(field, **by)) <= KNOWN;
         let finest = if self.error.is_some() { sizes.iter().find(is_known).or(sizes.last()) } else { None };
         finest.copied().unwrap_or(1)
     }
@@ -180,6 +175,18 @@ impl Total {
         });
         (Figure::unmoved(flux, error), share)
     }
+}
+
+/// The errors of a map's cells over their values, as a mean weighted by flux. Of a far field, cells have equal solid angles.
+fn error_of_cells(field: &Field) -> f64 {
+    let equal = (field.geometry == CellGeometry::Polar).then(|| field.of_equal_solid_angles());
+    let field = equal.as_ref().unwrap_or(field);
+    let (mut errors, mut flux) = (0.0, 0.0);
+    for ((row, column), _) in field.values.indexed_iter() {
+        errors += field.known_error((row, column)) * field.measure[row];
+        flux += field.flux_of((row, column));
+    }
+    if errors > 0.0 { errors / flux } else { 0.0 }
 }
 
 /// Pixels along a side of cells, of which a map has so many columns and rows.
@@ -244,7 +251,7 @@ fn evenness(field: &Field, shares: &Array2<f64>, mean: Option<f64>, has_errors: 
         ]
     };
     let names = ["min", "mean", "max", "min_over_mean", "min_over_max"];
-    named(names, with_errors(field, has_errors, of))
+    named(names, with_errors(field, has_errors, &field.smoothed(), of))
 }
 
 fn named<const N: usize>(names: [&str; N], figures: [Option<Figure>; N]) -> Named {
@@ -267,7 +274,7 @@ fn widths(field: &Field, has_errors: bool) -> Named {
         let y = through(Axis(1), peak.1, (0..rows).map(|row| field.centre((row, 0)).1).collect());
         [x.width(0.5), y.width(0.5)]
     };
-    named(["fwhm_x_mm", "fwhm_y_mm"], with_errors(field, has_errors, of))
+    named(["fwhm_x_mm", "fwhm_y_mm"], with_errors(field, has_errors, field, of))
 }
 
 /// Full angles in which the intensity is at least half (beam), or a tenth (field), of the largest. Each is given for
@@ -299,7 +306,7 @@ fn angles(field: &Field, total: &Total) -> Named {
         "field_angle_c0_deg",
         "field_angle_c90_deg",
     ];
-    named(names, with_errors(field, total.error.is_some(), of))
+    named(names, with_errors(field, total.error.is_some(), field, of))
 }
 
 /// The mean over some azimuths, by the polar angle.
@@ -337,10 +344,19 @@ fn of_region(region: Region, field: &Field, coarse: &Field, total: &Total) -> Re
     Ok(RegionFigures { region, figures })
 }
 
-fn remarks(figures: &Figures, coarse: &Field, total: &Total) -> Vec<String> {
+fn remarks(figures: &Figures, coarse: &Field, total: &Total, chose_cells: bool) -> Vec<String> {
     let mut remarks = Vec::new();
     if total.error.is_none() {
         remarks.push("the result has no standard errors of its map: trace with --standard-error on".into());
+    }
+    let error = error_of_cells(coarse);
+    if chose_cells && total.error.is_some() && error > 2.0 * KNOWN {
+        let [columns, rows] = figures.cells;
+        remarks.push(format!(
+            "cells of {columns} x {rows} are known to {} alone, so the least is too low and the largest too high: trace more rays, \
+             or take fewer cells with --cells",
+            percent(error)
+        ));
     }
     let all =
         std::iter::once(&figures.whole).chain(figures.regions.iter().map(|region| &region.figures)).flatten();

@@ -1,9 +1,12 @@
 //! What noise as large as a map's own does to a figure.
 //!
-//! A parametric bootstrap: normal noise of the cells' standard errors is added to the map again and again. Source:
+//! A parametric bootstrap: normal noise of the cells' standard errors is added to a map again and again. Source:
 //! Efron and Tibshirani, An Introduction to the Bootstrap (1993), section 6.5. The spread of a figure between these
-//! maps is its standard error. Their mean shift from the figure says what noise does to it: it lowers the least of many
-//! cells, and raises the largest.
+//! maps is its standard error. Their mean shift from the figure of the map without noise says what noise does to the
+//! figure. Noise lowers the least of many cells, and raises the largest.
+//!
+//! The map that gets noise is the map itself or, for the least and the largest cell, a smoothed one. In the map itself,
+//! the least cell is the one that noise has lowered most already, and more noise hardly lowers it further.
 
 use crate::random::Draw;
 use crate::result::figures::field::Field;
@@ -12,19 +15,21 @@ use crate::result::figures::found::Figure;
 /// Maps with noise. The standard error of a standard error of so many is 5 %.
 const NOISY_MAPS: usize = 200;
 
-/// Figures of a field, of which some may not exist. Figures have errors if the errors of the field's cells are known.
+/// Figures of a field, of which some may not exist. Figures have errors if the errors of the field's cells are known. `base`
+/// is the field to which noise is added.
 pub(super) fn with_errors<const N: usize>(
     field: &Field,
     has_errors: bool,
+    base: &Field,
     figures: impl Fn(&Field) -> [Option<f64>; N],
 ) -> [Option<Figure>; N] {
-    let values = figures(field);
+    let (values, of_base) = (figures(field), figures(base));
     let mut of_noise = vec![[None; N]; 0];
     if has_errors {
-        let mut noisy = field.clone();
+        let mut noisy = base.clone();
         let mut draws = Draw::new(0);
         for _ in 0..NOISY_MAPS {
-            for ((noisy, &value), &error) in noisy.values.iter_mut().zip(&field.values).zip(&field.sigma) {
+            for ((noisy, &value), &error) in noisy.values.iter_mut().zip(&base.values).zip(&base.sigma) {
                 *noisy = if error > 0.0 { value + error * draws.normal() } else { value };
             }
             of_noise.push(figures(&noisy));
@@ -41,7 +46,7 @@ pub(super) fn with_errors<const N: usize>(
         Some(Figure {
             value,
             standard_error: is_known.then(|| variance.sqrt()),
-            noise_bias: is_known.then_some(mean - value),
+            noise_bias: of_base[number].filter(|_| is_known).map(|of_base| mean - of_base),
         })
     })
 }

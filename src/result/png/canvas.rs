@@ -273,7 +273,13 @@ impl Canvas<'_> {
     pub fn curve(&self, points: Vec<(i32, i32)>, [r, g, b]: Rgb) -> Drawn {
         let style =
             ShapeStyle::from(&RGBColor(r, g, b)).stroke_width((0.14 * self.text).round().max(2.0) as u32);
-        self.root.draw(&PathElement::new(points, style)).map_err(reason)
+        // Line by line: a whole path would have spikes where it turns sharply.
+        for ends in points.windows(2) {
+            self.root.draw(&PathElement::new(ends.to_vec(), style)).map_err(reason)?;
+        }
+        points.iter().try_for_each(|&at| {
+            self.root.draw(&Circle::new(at, style.stroke_width as i32 / 2, style.filled())).map_err(reason)
+        })
     }
 
     /// A light line of a grid through points.

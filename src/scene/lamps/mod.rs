@@ -192,7 +192,8 @@ fn check_rising(angles: &[f64], what: &str, line_of: impl Fn(usize) -> usize) ->
 /// Says where a lamp's polar angles leave directions dark.
 fn dark_directions(polar: &[f64]) -> Option<String> {
     let (first, last) = (polar.first()?, polar.last()?);
-    match (*first > 0.0, *last < 180.0) {
+    // A downlight's file ends at the horizon.
+    match (*first > 0.0, *last < 180.0 && *last != 90.0) {
         (false, false) => None,
         (false, true) => {
             Some(format!("the file states no intensity beyond {last} deg from the axis: no light goes there"))
