@@ -8,7 +8,7 @@
 mod command;
 
 use command::{command, run, stderr};
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -366,6 +366,45 @@ fn parts_merge_to_the_bits_of_one_run() {
             assert_eq!(report(&whole)[key], report(&merged)[key], "{scene}: {key}");
         }
     }
+}
+
+/// Rays are split because an option says so, and not the scene, at a face that scatters: errors of rows that cannot be known stay
+/// unknown, rows of rays keep their order, and the report keeps the filter.
+#[test]
+fn parts_of_split_rays_merge_to_the_report_of_one_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let plane = json!({"type": "plane", "width": 40, "height": 40});
+    let glass = json!({"type": "medium", "name": "g"});
+    let scene = json!({"nsq_schema_version": 1, "components": [],
+        "sources": [{"name": "b", "type": "collimated", "aperture_radius": 3, "total_flux": 1, "cs": {"z": -10},
+                     "spectrum": {"wavelengths": [0.5], "weights": [1]}}],
+        "detectors": [{"name": "rays", "type": "ray_database", "width": 30, "height": 30, "absorb": false, "cs": {"z": 9}},
+                      {"name": "D", "type": "irradiance", "width": 40, "height": 40, "num_pixels_x": 8, "num_pixels_y": 8,
+                       "cs": {"z": 10}}],
+        "nsq_gpu": {"version": 1, "media": {"g": {"type": "constant", "n": 1.5}}, "surfaces": [
+            {"name": "f", "shape": plane, "interaction": "refractive", "cs": {"z": 0}, "material_back": glass,
+             "coating": {"type": "simple", "reflectance": 0.5, "transmittance": 0.5},
+             "bsdf": {"type": "lambertian", "transmissive_fraction": 0.5}, "scatter_fraction": 1.0},
+            {"name": "k", "shape": plane, "interaction": "refractive", "cs": {"z": 4}, "material_front": glass}]}});
+    let file = place("scene.json");
+    std::fs::write(&file, scene.to_string()).unwrap();
+    let how = ["--split-depth", "4", "--paths", "on", "--no-pictures", "--where", "reflections < 3"];
+    let [whole, a, b, merged] = ["whole", "a", "b", "merged"].map(place);
+    let whole_report = succeed(&trace(&file, &[&how[..], &["-n", "2000", "-o", &whole]].concat()));
+    for (out, first, num) in [(&a, "0", "900"), (&b, "900", "1100")] {
+        let part = ["-n", num, "--first-ray", first, "--of-rays", "2000", "-o", out];
+        succeed(&trace(&file, &[&how[..], &part].concat()));
+    }
+    let merged_report = succeed(&["merge", &a, &b, "-o", &merged, "--no-pictures", "--json"]);
+    let rows = whole_report["paths"].as_array().unwrap();
+    assert!(rows.len() > 5 && rows.iter().any(|row| row["standard_error"].is_null()), "{rows:?}");
+    for key in ["paths", "ledger", "where", "split_depth"] {
+        assert!(!whole_report[key].is_null(), "{key}");
+        assert_eq!(whole_report[key], merged_report[key], "{key}");
+    }
+    let [whole, merged] = [whole, merged].map(|folder| files(Path::new(&folder)));
+    assert!(whole["rays.npz"] == merged["rays.npz"], "rays.npz differs");
 }
 
 /// The tables of parts add up to the whole's, and parts of other tables or filters are refused.

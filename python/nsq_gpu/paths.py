@@ -102,9 +102,11 @@ class PathTable(_Table):
     recoated: tuple[Json, ...] = ()
     #: How many rows the table of the trace has, of which these may be some.
     _num_rows: int = 0
+    #: Rays were split at so many of their first events.
+    _split_depth: int = 0
 
     def __array_finalize__(self, other: Any) -> None:
-        for name in ("_scene", "recoated", "_num_rows"):
+        for name in ("_scene", "_split_depth", "recoated", "_num_rows"):
             setattr(self, name, getattr(other, name, getattr(PathTable, name)))
 
     def recoat(self, coatings: Mapping[str, float | tuple[float, float]], *,
@@ -162,7 +164,8 @@ class PathTable(_Table):
         if text is None:
             raise UsageError("the table does not know the scene that was traced; name it: scene=\"lens.json\"")
         answer = asked_of_paths(text, binary, is_text=scene is None, rows=[_as_asked(row) for row in self],
-                                coatings=[_new_coating(face, wanted) for face, wanted in coatings.items()], rank=rank)
+                                coatings=[_new_coating(face, wanted) for face, wanted in coatings.items()], rank=rank,
+                                split_depth=self._split_depth)
         for warning in answer["warnings"]:
             warn(warning, ResultWarning)
         return answer
@@ -263,8 +266,8 @@ def _new_coating(face: str, wanted: Any) -> Json:
     return {"face": str(face), "reflectance": values[0], "transmittance": values[1] if len(values) == 2 else None}
 
 
-def path_table(rows: Sequence[Json], scene: str | None = None, recoated: Sequence[Json] = ()) -> PathTable:
-    """Return the rows of a report as a table; ``scene`` is the text that was traced."""
+def path_table(rows: Sequence[Json], scene: str | None = None, recoated: Sequence[Json] = (), split_depth: int = 0) -> PathTable:
+    """Return the rows of a report as a table; ``scene`` is the text that was traced, split at so many of the rays' first events."""
     table = np.empty(len(rows), dtype=FIELDS)
     for index, row in enumerate(rows):
         # A number that is not known is null.
@@ -274,5 +277,5 @@ def path_table(rows: Sequence[Json], scene: str | None = None, recoated: Sequenc
         read = {**few, **row, "standard_error": error, "steps": steps}
         table[index] = tuple(read[name] for name in FIELDS.names or ())
     found = table.view(PathTable)
-    found._scene, found.recoated, found._num_rows = scene, tuple(recoated), len(rows)
+    found._scene, found.recoated, found._num_rows, found._split_depth = scene, tuple(recoated), len(rows), split_depth
     return found

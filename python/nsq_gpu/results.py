@@ -332,7 +332,7 @@ def result_of(report: Json, arrays: dict[str | None, dict[str, np.ndarray]], det
         add_color(detector, name, report, arrays[name])
     result = Result(**{key: report[key] for key in _SAME}, detectors=detectors, ray_paths=ray_paths, diagnostics=diagnostics)
     rows = report.get("paths")
-    result.paths = None if rows is None else path_table(rows, text, report.get("recoated", ()))
+    result.paths = None if rows is None else path_table(rows, text, report.get("recoated", ()), report.get("split_depth", 0))
     result.few_rays = {name: found for name, spec in report["detectors"].items() if (found := few_rays(spec))}
     result.partial = partial
     result.report_json, result.arrays, result.scene_json = report, arrays, text

@@ -266,7 +266,7 @@ class Session:
         return {name: float("inf") if value is None else value for name, value in zip(names, values, strict=True)}
 
     def recoat(self, scene: str | Json, rows: Sequence[Json], coatings: Sequence[Json] = (), *, rank: bool = False,
-               folder: str | None = None) -> Json:
+               folder: str | None = None, split_depth: int = 0) -> Json:
         """Ask what other coatings do to rows of a table of paths; ``nsq-gpu serve`` says what rows and coatings have.
 
         Returns the answer's header: ``factors`` of the rows, ``recoated``, ``warnings``, and with ``rank`` the ``coatings``.
@@ -274,7 +274,8 @@ class Session:
         Raises:
             UsageError: The rows do not say what such coatings would do.
         """
-        header = {"request": "recoat", "scene": scene, "rows": list(rows), "coatings": list(coatings), "rank": rank}
+        header = {"request": "recoat", "scene": scene, "rows": list(rows), "coatings": list(coatings), "rank": rank,
+                  "split_depth": split_depth}
         return self._ask(header if folder is None else header | {"folder": folder}, None, None)[0]
 
     def request(self, scene: str | Json, options: Mapping[str, Any], *, timeout: float | None = None,
@@ -384,7 +385,8 @@ def asked_of_paths(scene: NSQScene | str | os.PathLike[str], binary: str | None,
         else:
             path = Path(scene)
             scene, folder = path.read_text(encoding="utf-8"), str(path.parent.absolute())
-    return session.recoat(str(scene), asked["rows"], asked["coatings"], rank=asked["rank"], folder=folder)
+    return session.recoat(str(scene), asked["rows"], asked["coatings"], rank=asked["rank"], folder=folder,
+                          split_depth=asked["split_depth"])
 
 
 def _end_all(children: list[_Child]) -> None:

@@ -286,7 +286,7 @@ def _with(found: Sweep, place: tuple[int, ...], answer: Any, keep_maps: bool) ->
     paths = found.paths
     if report.get("paths") is not None:
         paths = np.full(found.shape, None, dtype=object) if paths is None else paths
-        paths[place] = path_table(report["paths"])
+        paths[place] = path_table(report["paths"], split_depth=report.get("split_depth", 0))
     for name, entry in report["detectors"].items():
         put(found.flux, name, entry["total_flux"])
         error = entry["total_flux_standard_error"]

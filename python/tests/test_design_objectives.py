@@ -7,10 +7,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from optiland.nonsequential import NSQScene
+from optiland.nonsequential.detectors.configs import IrradianceDetectorConfig
+from optiland.nonsequential.sources.base import Spectrum
+from optiland.nonsequential.sources.configs import CollimatedSourceConfig
 
 import nsq_gpu
 from nsq_gpu.design.maps import BlockMaps, Estimate, estimate, pairs, powers
 from nsq_gpu.design.objectives import EncircledEnergy, Flux, MatchMap, Objective, Peak, RmsRadius, Uniformity, merit
+from tests.live import cs
 
 X = (np.arange(24) - 11.5) * 0.5
 Y = (np.arange(20) - 9.5) * 0.5
@@ -117,6 +122,17 @@ def test_powers_are_products_of_different_blocks() -> None:
     found = [float(power[0]) for power in powers(x, 3)]
     assert found == pytest.approx([1.0, 17 / 4, (6 + 10 + 14 + 15 + 21 + 35) / 6, (30 + 42 + 70 + 105) / 4])
     assert float(pairs(x, x)[0]) == pytest.approx(found[2])
+
+
+@pytest.mark.parametrize(("splat", "width"), [("hard", 0.5), ("bilinear", 0.5), ("gaussian", 0.3), ("gaussian", 0.5), ("gaussian", 1.0), ("gaussian", 2.0)])
+def test_the_radius_of_a_disk_does_not_depend_on_the_splat(splat: str, width: float) -> None:
+    radius = 1.5
+    scene = NSQScene()
+    scene.add_source("beam", cs(x=0.31, y=-0.17, z=-10.0), CollimatedSourceConfig(Spectrum([0.5], [1.0]), aperture_radius=radius))
+    scene.add_detector("d", cs(), IrradianceDetectorConfig(48.0, 48.0, 48, 48, splat=splat, splat_sigma=width))
+    problem = nsq_gpu.Problem(scene, {"beam.x": (-2.0, 2.0)}, RmsRadius(detector="d", target=0), num_rays=200_000, seed=1)
+    found, = problem.value().operands
+    assert found.standard_error < 2e-3 and abs(found.value - radius / np.sqrt(2)) < 4.0 * found.standard_error
 
 
 def test_figures_are_those_of_their_formulas() -> None:

@@ -112,6 +112,21 @@ def test_the_rank_has_the_derivatives_of_differences(paths: PathTable) -> None:
     assert paths.rank_coatings(detector="image")["face"].tolist() == ranks["face"].tolist()
 
 
+def test_errors_of_the_rank_know_of_rays_that_an_option_split(tmp_path: Path) -> None:
+    """A ray that is split brings all ghosts at once, so that errors of rows add up; also of a result from a folder."""
+    scene = plate()
+    with live.quiet(), nsq_gpu.Session() as session:
+        by_option = session.trace(scene, 2000, split_depth=7, paths=True, standard_error=True).paths
+        scene.split_depth = 7
+        by_scene = session.trace(scene, 2000, paths=True, standard_error=True)
+        by_scene.save(tmp_path / "saved")
+    assert by_option is not None and by_scene.paths is not None
+    expected = by_scene.paths.rank_coatings()
+    assert (expected["standard_error"] > 0.0).all()
+    for found in (by_option, by_option[:], nsq_gpu.load(tmp_path / "saved").paths):
+        assert found.rank_coatings(scene=plate())["standard_error"] == pytest.approx(expected["standard_error"], rel=1e-12)
+
+
 def test_a_bare_face_has_a_reason_in_the_place_of_a_derivative() -> None:
     ranks = traced(singlet()).rank_coatings()
     assert np.isnan(ranks["derivative"]).all() and (ranks["share"] == 1.0).all()

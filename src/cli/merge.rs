@@ -50,7 +50,7 @@ pub fn run(args: &Args) -> Result<String> {
         }
         other => other,
     })?;
-    let Some(ir) = scene_of_hash(scene.lower()?, parts[0].identity.scene_hash) else {
+    let Some(mut ir) = scene_of_hash(scene.lower()?, parts[0].identity.scene_hash) else {
         return Err(Error::Usage(format!(
             "the scene in {} is not, or no longer, the one that {} was traced of; name that one by --scene",
             path_text(&path),
@@ -62,6 +62,10 @@ pub fn run(args: &Args) -> Result<String> {
         return Err(Error::Usage("--photometric: the results were traced without it".into()));
     }
     check(&args.results, &parts, &ir)?;
+    // Options of the traces may have changed how the scene's rare branches are sampled.
+    if let Some(policy) = first.sampling_policy() {
+        (ir.sampling, ir.scatter_sampling) = policy;
+    }
     let pictures = args.pictures.style(&ir, is_photometric || wavelengths_apart::is_apart(&ir))?;
     if let Some(dir) = &args.output {
         let real = |path: &Path| path.canonicalize().ok();
@@ -108,7 +112,8 @@ pub fn run(args: &Args) -> Result<String> {
     say(&on_the_bits(&ir, &parts, &merged.tally.rays));
     let photometric = is_photometric || wavelengths_apart::is_apart(&ir);
     let color = if photometric { scene.color_detectors() } else { Vec::new() };
-    let info = RunInfo { photometric, color, ..run_info(&path, &scene, &merged) };
+    let split_depth = ir.sampling.split_depth;
+    let info = RunInfo { photometric, color, split_depth, ..run_info(&path, &scene, &merged) };
     let result = TraceResult::new(&ir, &info, &merged.tally)?;
     let printed = Printed { json: args.json, pictures };
     crate::cli::trace::deliver(&result, || merged.to_bytes().map(Some), args.output.as_deref(), printed)
@@ -220,6 +225,7 @@ fn run_info(path: &Path, scene: &Scene, merged: &Checkpoint) -> RunInfo {
         lamp_files: scene.lamp_files.clone(),
         ray_files: scene.ray_files.clone(),
         guide: identity.guide.as_ref().map(GuideInfo::of),
+        filter: Some(identity.path_filter.clone()).filter(|filter| filter != "none"),
         first_ray: identity.first_ray,
         of_rays: identity.of_rays,
         ..RunInfo::default()

@@ -46,12 +46,12 @@ impl TraceResult {
     /// [`Error::File`] with the file that is missing or does not hold what it should.
     pub fn read(dir: &Path) -> Result<TraceResult> {
         let path = dir.join(REPORT);
-        let unread = |error: std::io::Error| match error.kind() {
-            std::io::ErrorKind::NotFound => {
+        let unread = |error: std::io::Error| match error.kind() == std::io::ErrorKind::NotFound {
+            true => {
                 let problem = if dir.is_dir() { "has no report.json" } else { "is no folder" };
                 Error::NoResult { path: dir.to_owned(), problem: problem.into() }
             }
-            _ => Error::file(&path, error),
+            false => Error::file(&path, error),
         };
         loop {
             let text = fs::read_to_string(&path).map_err(unread)?;

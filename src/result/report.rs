@@ -39,7 +39,7 @@ pub const SCHEMA: u32 = 1;
 pub struct Report(Map<String, Value>);
 
 /// The keys of the document, in the order in which they are written.
-const KEYS: &str = "schema program version scene num_rays_requested partial stopped_by target_error relative_error where guide \
+const KEYS: &str = "schema program version scene num_rays_requested partial stopped_by target_error relative_error where split_depth guide \
     first_ray of_rays scene_warnings lamp_files ray_files photometric color seed max_depth min_flux_fraction precision sampler precision_reason adapter driver \
     rays_per_sec num_rays_before num_rays_total num_rays_absorbed num_rays_escaped num_rays_flux_killed \
     num_rays_depth_killed total_flux_in total_flux_detected total_flux_tapped total_flux_absorbed \

@@ -69,6 +69,9 @@ pub struct RunInfo {
     /// Maps have only the light whose path matches this expression, if there is one.
     #[serde(default, rename = "where", skip_serializing_if = "Option::is_none")]
     pub filter: Option<String>,
+    /// Rays were split at so many of their first events.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub split_depth: u32,
     /// How rays were guided, if they were.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub guide: Option<GuideInfo>,
@@ -142,6 +145,11 @@ pub struct StageTime {
     pub time_sec: f64,
 }
 
+/// True of a depth that says nothing.
+fn is_zero(depth: &u32) -> bool {
+    *depth == 0
+}
+
 impl Default for RunInfo {
     fn default() -> Self {
         RunInfo {
@@ -169,6 +177,7 @@ impl Default for RunInfo {
             stopped_by: None,
             target_error: None,
             guide: None,
+            split_depth: 0,
             filter: None,
             first_ray: 0,
             of_rays: None,

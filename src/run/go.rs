@@ -195,6 +195,7 @@ impl<'a> Run<'a> {
             photometric: self.photometric,
             color: if self.photometric { self.scene.color_detectors() } else { Vec::new() },
             target_error: self.target_error,
+            split_depth: self.model.sampling.split_depth,
             has_no_gpu: gpu.stands_in_for_gpu(),
             ..options.run_info(&gpu.info)
         };

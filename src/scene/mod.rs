@@ -81,6 +81,8 @@ pub struct Scene {
 
 /// Ends of the names of lens files: of Zemax, CODE V and OSLO.
 const PRESCRIPTIONS: [&str; 3] = ["zmx", "seq", "len"];
+/// Ends of the names of lamps' files.
+const LAMPS: [&str; 2] = ["ies", "ldt"];
 
 impl Scene {
     /// Reads a scene file. Files that it names are looked for from its folder.
@@ -107,6 +109,11 @@ impl Scene {
                 path,
                 format!("it is a lens, no scene; `{command}` makes a scene of it"),
             ));
+        }
+        let is_lamp = |end: &str| LAMPS.iter().any(|lamp| lamp.eq_ignore_ascii_case(end));
+        if path.extension().and_then(|end| end.to_str()).is_some_and(is_lamp) {
+            let problem = "it is a lamp's file, no scene; `nsq-gpu lamp` reads it, and a source of type tabulated names it as its `file`";
+            return Err(Error::file(path, problem));
         }
         String::from_utf8(bytes).map_err(|err| {
             let at = err.utf8_error().valid_up_to();

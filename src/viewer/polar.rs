@@ -74,14 +74,16 @@ fn of_lamp(ir: &SceneIr, source: &Source, table: &PolarTable) -> Diagram {
     let scale = factor * source.total_flux / table.flux();
     let half = |azimuth: f64| -> Vec<(f64, f64)> {
         let angles = table.polar.iter().map(|angle| angle.to_degrees());
-        angles.zip(row_of(table, azimuth.to_radians()).into_iter().map(|value| scale * value)).collect()
+        angles
+            .zip(row_of(table, azimuth.rem_euclid(360.0).to_radians()).into_iter().map(|value| scale * value))
+            .collect()
     };
     let is_of_revolution = table.rows.windows(2).all(|rows| rows[0] == rows[1]);
     let num = if is_of_revolution { 1 } else { PLANES.len() };
-    let curves = PLANES.iter().zip([0.0, 90.0]).take(num).map(|(&(name, _, color), azimuth)| {
-        let left = half(azimuth + 180.0).into_iter().rev().map(|(angle, value)| (-angle, value));
+    let curves = PLANES.iter().take(num).map(|&(name, [right, left], color)| {
+        let left = half(left).into_iter().rev().map(|(angle, value)| (-angle, value));
         let name = if is_of_revolution { "all planes" } else { name };
-        Curve { name, color, points: left.chain(half(azimuth)).collect() }
+        Curve { name, color, points: left.chain(half(right)).collect() }
     });
     let last = table.polar.last().map_or(0.0, |angle| angle.to_degrees());
     Diagram { reach: if last > 90.0 + 1e-9 { 180.0 } else { 90.0 }, unit, curves: curves.collect() }
@@ -128,9 +130,9 @@ mod tests {
                     assert!((found.0 - angle).abs() < 1e-9 && (found.1 - value).abs() < 1e-9, "{curve:?}");
                 }
             };
-            // C180 to the left and C0 to the right; then C270 and C90.
+            // C180 to the left and C0 to the right; then C270, which is the azimuth 90, and C90.
             near(&curves[0], [0.0, 40.0, 100.0, 100.0, 80.0, 0.0]);
-            near(&curves[1], [0.0, 20.0, 100.0, 100.0, 60.0, 10.0]);
+            near(&curves[1], [10.0, 60.0, 100.0, 100.0, 20.0, 0.0]);
         }
     }
 

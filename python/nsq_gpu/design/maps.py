@@ -57,10 +57,11 @@ class BlockMaps:
         """Return what pixels and splats add to the mean square of x plus the mean square of y [mm^2].
 
         A hard pixel adds a twelfth of its square, and linear weights add another one (Sheppard, 1898). A Gaussian splat adds
-        its own square.
+        the mean square of its weights, which end after three widths.
         """
         squares = self.pixel[0]**2 + self.pixel[1]**2
-        return squares * {"hard": 1.0 / 12.0, "bilinear": 1.0 / 6.0}.get(self.splat, 1.0 / 12.0 + self.splat_sigma**2)
+        found = {"hard": 1.0 / 12.0, "bilinear": 1.0 / 6.0}.get(self.splat)
+        return squares * (_square_of_gaussian(self.splat_sigma) if found is None else found)
 
     def without(self, block: int) -> BlockMaps:
         """Return all blocks but one."""
@@ -86,6 +87,15 @@ class BlockMaps:
     def added(self, other: BlockMaps) -> BlockMaps:
         """Return the light of two traces together."""
         return replace(self, flux=self.flux + other.flux, _blurred={})
+
+
+def _square_of_gaussian(width: float) -> float:
+    """Return the mean square of a Gaussian splat about the hit, of a width in pixels, over all places of the hit in its pixel."""
+    reach = int(np.ceil(3.0 * width))
+    # The window lies about the pixel whose middle is the last one before the hit.
+    away = np.arange(-reach, reach + 1) - (np.arange(1000)[:, None] + 0.5) / 1000
+    weights = np.exp(-0.5 * (away / width)**2)
+    return float(np.mean((weights * away**2).sum(axis=1) / weights.sum(axis=1)))
 
 
 def _along(pixels: np.ndarray, axis: int, width: float) -> np.ndarray:

@@ -194,7 +194,8 @@ fn answer(
 
 /// What other coatings do to rows: the factors of their light, the changed faces, warnings, and the rank of the coatings.
 fn recoat(request: &RecoatRequest) -> Result<Value> {
-    let ir = Scene::with_numbers(&request.scene(), &request.folder, &[])?.lower()?;
+    let mut ir = Scene::with_numbers(&request.scene(), &request.folder, &[])?.lower()?;
+    ir.sampling.split_depth = ir.sampling.split_depth.max(request.split_depth);
     let paths: Vec<Sequence> = request.rows.iter().map(|row| row.sequence(&ir)).collect::<Result<_>>()?;
     let recoating = Recoating::new(&ir, &request.coatings)?;
     recoating.check(&ir, paths.iter())?;

@@ -74,6 +74,9 @@ pub(crate) struct RecoatRequest {
     /// The folder from which files are looked for that the scene names.
     #[serde(default)]
     pub(crate) folder: PathBuf,
+    /// Rays were split at so many of their first events, if that was an option of the trace and is not in the scene.
+    #[serde(default)]
+    pub(crate) split_depth: u32,
     /// The rows.
     pub(crate) rows: Vec<PathRow>,
     /// The coatings, as `--recoat` has them.
