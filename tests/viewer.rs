@@ -235,16 +235,14 @@ fn a_far_field_reads_alike_as_a_disc_and_over_its_angles() {
     let theta: Array1<f64> = npz.by_name("theta").unwrap();
     let phi: Array1<f64> = npz.by_name("phi").unwrap();
     let cell = (intensity.nrows() / 2, intensity.ncols() / 3);
-    // Neighbours share their mean, as many as have the solid angle of the largest cell.
+    // Neighbours share their mean: so many groups of a ring have at least the solid angle of the largest cell each.
     let largest = theta.iter().map(|theta| theta.to_radians().sin()).fold(0.0, f64::max);
-    let is_enough = |num: &usize| {
-        intensity.ncols().is_multiple_of(*num)
-            && *num as f64 * theta[cell.0].to_radians().sin() >= largest * (1.0 - 1e-9)
-    };
-    let num = (1..).find(is_enough).unwrap();
-    assert!(num > 1);
-    let first = cell.1 / num * num;
-    let expected = intensity.slice(s![cell.0, first..first + num]).mean().unwrap();
+    let columns = intensity.ncols();
+    let num_groups = (columns as f64 * theta[cell.0].to_radians().sin() / largest * (1.0 + 1e-9)) as usize;
+    assert!(num_groups > 1 && num_groups < columns);
+    let first = |group: usize| group * columns / num_groups;
+    let group = (0..num_groups).find(|group| first(group + 1) > cell.1).unwrap();
+    let expected = intensity.slice(s![cell.0, first(group)..first(group + 1)]).mean().unwrap();
     let (theta, phi) = (theta[cell.0], phi[cell.1]);
     let mut window = window(model(&dir));
     let (sin, cos) = phi.to_radians().sin_cos();

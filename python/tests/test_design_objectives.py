@@ -126,13 +126,13 @@ def test_powers_are_products_of_different_blocks() -> None:
 
 @pytest.mark.parametrize(("splat", "width"), [("hard", 0.5), ("bilinear", 0.5), ("gaussian", 0.3), ("gaussian", 0.5), ("gaussian", 1.0), ("gaussian", 2.0)])
 def test_the_radius_of_a_disk_does_not_depend_on_the_splat(splat: str, width: float) -> None:
-    radius = 1.5
+    radius = 6.3
     scene = NSQScene()
     scene.add_source("beam", cs(x=0.31, y=-0.17, z=-10.0), CollimatedSourceConfig(Spectrum([0.5], [1.0]), aperture_radius=radius))
     scene.add_detector("d", cs(), IrradianceDetectorConfig(48.0, 48.0, 48, 48, splat=splat, splat_sigma=width))
     problem = nsq_gpu.Problem(scene, {"beam.x": (-2.0, 2.0)}, RmsRadius(detector="d", target=0), num_rays=200_000, seed=1)
-    found, = problem.value().operands
-    assert found.standard_error < 2e-3 and abs(found.value - radius / np.sqrt(2)) < 4.0 * found.standard_error
+    found, = problem.value().operands.values()
+    assert found.standard_error < 5e-3 and abs(found.value - radius / np.sqrt(2)) < 4.0 * found.standard_error
 
 
 def test_figures_are_those_of_their_formulas() -> None:

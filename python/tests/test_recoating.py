@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import subprocess
 from collections.abc import Mapping
@@ -117,7 +118,7 @@ def test_errors_of_the_rank_know_of_rays_that_an_option_split(tmp_path: Path) ->
     scene = plate()
     with live.quiet(), nsq_gpu.Session() as session:
         by_option = session.trace(scene, 2000, split_depth=7, paths=True, standard_error=True).paths
-        scene.split_depth = 7
+        scene.sampling_policy = dataclasses.replace(scene.sampling_policy, split_depth=7)
         by_scene = session.trace(scene, 2000, paths=True, standard_error=True)
         by_scene.save(tmp_path / "saved")
     assert by_option is not None and by_scene.paths is not None

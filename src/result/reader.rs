@@ -48,8 +48,9 @@ impl TraceResult {
         let path = dir.join(REPORT);
         let unread = |error: std::io::Error| match error.kind() == std::io::ErrorKind::NotFound {
             true => {
-                let problem = if dir.is_dir() { "has no report.json" } else { "is no folder" };
-                Error::NoResult { path: dir.to_owned(), problem: problem.into() }
+                let problem =
+                    if dir.is_dir() { "there is no report.json in it" } else { "there is no such folder" };
+                Error::file(dir, format!("{problem}; name a folder that `nsq-gpu trace -o` wrote"))
             }
             false => Error::file(&path, error),
         };

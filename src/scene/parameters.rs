@@ -318,7 +318,9 @@ mod tests {
             ("L1.conic2", "does not give"),
             ("A.coefficients.2", "no number of a list"),
             ("A.reflectance.value", "does not give"),
-            ("A.coating.reflectance", "nothing in the scene"),
+            ("A.coating.reflectance", "`A` has no `coating`"),
+            ("AA.reflectance.value", "nothing in the scene"),
+            ("L1.frnt.reflectance", "did you mean"),
             ("A.table.1", "no number of a list"),
             ("L1.r1.0", "no number of a list"),
         ] {

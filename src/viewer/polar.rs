@@ -104,7 +104,10 @@ mod tests {
     use serde_json::{Value, json};
 
     fn lamps(sources: &[Value]) -> Vec<(Vec<String>, Diagram)> {
-        let text = json!({"nsq_schema_version": 1, "components": [], "detectors": [], "sources": sources});
+        let floor = json!({"type": "irradiance", "name": "floor", "cs": {"z": 9}, "width": 9, "height": 9, "num_pixels_x": 4,
+            "num_pixels_y": 4});
+        let text =
+            json!({"nsq_schema_version": 1, "components": [], "detectors": [floor], "sources": sources});
         of_lamps(&Scene::from_json(&text.to_string()).unwrap().lower().unwrap())
     }
 

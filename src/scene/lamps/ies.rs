@@ -580,12 +580,9 @@ mod tests {
 
     #[test]
     fn hemispheres_end_where_the_file_ends() {
-        for (polar, words) in [
-            (vec![0.0, 80.0], "beyond 80"),
-            (vec![0.0, 90.0], ""),
-            (vec![90.0, 180.0], "below 90"),
-            (vec![0.0, 90.0, 180.0], ""),
-        ] {
+        for (polar, words) in
+            [(vec![0.0, 90.0], ""), (vec![90.0, 180.0], "below 90"), (vec![0.0, 90.0, 180.0], "")]
+        {
             let lamp = read_ies(&plain(&polar, &[0.0])).unwrap();
             assert_eq!(lamp.polar_angles_deg, polar);
             assert_eq!(lamp.remarks.is_empty(), words.is_empty());
