@@ -320,7 +320,7 @@ mod tests {
             ("A.reflectance.value", "does not give"),
             ("A.coating.reflectance", "`A` has no `coating`"),
             ("AA.reflectance.value", "nothing in the scene"),
-            ("L1.frnt.reflectance", "did you mean"),
+            ("lamb.cs.x", "did you mean `lamp`?"),
             ("A.table.1", "no number of a list"),
             ("L1.r1.0", "no number of a list"),
         ] {
