@@ -236,25 +236,30 @@ fn find(tree: &Value, elements: &Elements, name: &str) -> Result<Found> {
     }
     let frames = frames.iter().map(|(name, _)| name.as_str());
     let known = entries.iter().map(|(name, _)| name.as_str()).chain(elements.names()).chain(frames);
-    // A key of something that the entry has not, or that is in an entry with another name.
     let known: Vec<&str> = known.collect();
-    let ends = (1..=entry.len()).rev();
-    let parts = |end: usize| entry[..end].join(".");
-    if let Some(end) = ends.clone().find(|&end| known.contains(&parts(end).as_str())) {
-        let (owner, key) = (ticked(&parts(end)), ticked(&entry[end]));
-        return Err(Error::Usage(format!(
-            "{}: {owner} has no {key}; write one into the scene file, where its numbers can be changed",
-            ticked(name)
-        )));
+    let faces: Vec<&str> = elements.names().flat_map(|name| elements.faces_of(name)).collect();
+    // The entry may lack what the name asks for, or be misspelt before that.
+    for end in (1..=entry.len()).rev() {
+        let part = entry[..end].join(".");
+        if end < entry.len() && (known.contains(&part.as_str()) || faces.contains(&part.as_str())) {
+            return Err(Error::Usage(format!(
+                "{}: {} has no {}; write one into the scene file, where its numbers can be changed",
+                ticked(name),
+                ticked(&part),
+                ticked(&entry[end])
+            )));
+        }
+        let advice = did_you_mean(&part, known.iter().chain(&faces).copied());
+        if advice.starts_with("did you mean") {
+            return Err(nothing_called(name, &label, &advice));
+        }
     }
-    let near = ends.map(|end| (end, did_you_mean(&parts(end), known.iter().copied())));
-    let near = near.into_iter().find(|(_, advice)| advice.starts_with("did you mean"));
-    let advice = near.map_or_else(|| did_you_mean(&label, known.iter().copied()), |(_, advice)| advice);
-    Err(Error::Usage(format!(
-        "{}: nothing in the scene is called {}; {advice}",
-        ticked(name),
-        quoted(&label)
-    )))
+    Err(nothing_called(name, &label, &did_you_mean(&label, known)))
+}
+
+/// The error of a name that stands for nothing.
+fn nothing_called(name: &str, label: &str, advice: &str) -> Error {
+    Error::Usage(format!("{}: nothing in the scene is called {}; {advice}", ticked(name), quoted(label)))
 }
 
 #[cfg(test)]
