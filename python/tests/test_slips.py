@@ -91,7 +91,7 @@ NAMES = [
     ("L.thicknes", "did you mean `thickness`"),
     ("image.widht", "\"image\" has no number `widht`; did you mean `width`"),
     ("M.r1", "nothing in the scene is called \"M\"; did you mean `L`"),
-    ("L.front.r1", "nothing in the scene is called \"L.front\""),
+    ("L.front.r1", "`L` has no `front` in the scene file"),
     ("r1", "`r1` names no number; .*numbers of this name: `L.r1`"),
 ]
 

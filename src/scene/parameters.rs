@@ -243,7 +243,8 @@ fn find(tree: &Value, elements: &Elements, name: &str) -> Result<Found> {
         let part = entry[..end].join(".");
         if end < entry.len() && (known.contains(&part.as_str()) || faces.contains(&part.as_str())) {
             return Err(Error::Usage(format!(
-                "{}: {} has no {}; write one into the scene file, where its numbers can be changed",
+                "{}: {} has no {} in the scene file, and only numbers that stand there can be changed; the faces of a lens are \
+                 written in `overrides` of `nsq_gpu`",
                 ticked(name),
                 ticked(&part),
                 ticked(&entry[end])
