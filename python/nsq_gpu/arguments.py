@@ -124,7 +124,8 @@ def of_names(error: NsqGpuError, scene: str, names: Iterable[str]) -> NsqGpuErro
         if f"`{name}` names no number" in said:
             known = [f"{_quoted(entry)}.{name}" for entry, keys in _numbers(scene).items() if name in keys]
             return UnknownNameError(f"{said}; numbers of this name: {_listed(known)}" if known else said)
-        if f"`{name}`: nothing in the scene is called" in said or f"has no number `{key}`" in said:
+        if f"`{name}`: nothing in the scene is called" in said or f"has no number `{key}`" in said \
+                or "in the scene file, and only numbers that stand there" in said:
             return UnknownNameError(said)
     return error
 
