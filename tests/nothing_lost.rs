@@ -403,6 +403,16 @@ fn parts_of_split_rays_merge_to_the_report_of_one_run() {
         assert!(!whole_report[key].is_null(), "{key}");
         assert_eq!(whole_report[key], merged_report[key], "{key}");
     }
+    // Neither is taken for damaged.
+    for folder in [&whole, &merged] {
+        let output = run(&["verify", folder]);
+        assert!(
+            output.status.success(),
+            "{folder}: {}{}",
+            String::from_utf8_lossy(&output.stdout),
+            stderr(&output)
+        );
+    }
     let [whole, merged] = [whole, merged].map(|folder| files(Path::new(&folder)));
     assert!(whole["rays.npz"] == merged["rays.npz"], "rays.npz differs");
 }

@@ -62,10 +62,7 @@ pub fn run(args: &Args) -> Result<String> {
         return Err(Error::Usage("--photometric: the results were traced without it".into()));
     }
     check(&args.results, &parts, &ir)?;
-    // Options of the traces may have changed how the scene's rare branches are sampled.
-    if let Some(policy) = first.sampling_policy() {
-        (ir.sampling, ir.scatter_sampling) = policy;
-    }
+    first.set_sampling(&mut ir);
     let pictures = args.pictures.style(&ir, is_photometric || wavelengths_apart::is_apart(&ir))?;
     if let Some(dir) = &args.output {
         let real = |path: &Path| path.canonicalize().ok();

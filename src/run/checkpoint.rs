@@ -152,8 +152,15 @@ impl Identity {
         }
     }
 
+    /// Gives a scene the sampling of the trace, which options may have changed.
+    pub(crate) fn set_sampling(&self, ir: &mut SceneIr) {
+        if let Some(policy) = self.sampling_policy() {
+            (ir.sampling, ir.scatter_sampling) = policy;
+        }
+    }
+
     /// The sampling policy, and how scattering was drawn on purpose, read from their text; `None` if another version wrote it.
-    pub(crate) fn sampling_policy(&self) -> Option<(Sampling, Vec<ScatterSampling>)> {
+    fn sampling_policy(&self) -> Option<(Sampling, Vec<ScatterSampling>)> {
         let (policy, scattering) = match self.sampling.split_once(SCATTERING) {
             Some((policy, json)) => (policy, serde_json::from_str(json).ok()?),
             None => (self.sampling.as_str(), Vec::new()),

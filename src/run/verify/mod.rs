@@ -199,11 +199,11 @@ impl Verify {
         };
         found.scene = Some(path.clone());
         match &sums {
-            Some(sums) => self.compare_sums(found, &stored, sums, &path, &ir)?,
+            Some(sums) => {
+                sums.identity.set_sampling(&mut ir);
+                self.compare_sums(found, &stored, sums, &path, &ir)?;
+            }
             None => found.notes.push(format!("there is no {TALLY}: the arrays cannot be computed anew")),
-        }
-        if let Some(policy) = sums.as_ref().and_then(|sums| sums.identity.sampling_policy()) {
-            (ir.sampling, ir.scatter_sampling) = policy;
         }
         if let Some(sums) = sums.as_ref().filter(|sums| sums.proof.is_some())
             && self.prove(found, &stored, sums, &scene, &ir)?
