@@ -48,16 +48,17 @@ pub(crate) fn ticked(word: &str) -> String {
 }
 
 /// The known word nearest to a misspelt one, if any is near.
-fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+pub(crate) fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     /// More candidates would take seconds.
     const MAX_CANDIDATES: usize = 10_000;
     let short: String = word.chars().take(80).collect();
+    let lower = short.to_lowercase();
     known
         .into_iter()
         .take(MAX_CANDIDATES)
         .map(|candidate| {
             // A capital is the smallest of mistakes.
-            let is_alike = short.to_lowercase() == candidate.to_lowercase();
+            let is_alike = lower == candidate.to_lowercase();
             (if is_alike { 0 } else { strsim::damerau_levenshtein(&short, candidate) }, candidate)
         })
         .filter(|(distance, candidate)| *distance <= 1 + candidate.chars().count() / 3)
@@ -65,10 +66,15 @@ fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&
         .map(|(_, candidate)| candidate)
 }
 
+/// Advice to take a known word.
+pub(crate) fn suggested(known: &str) -> String {
+    format!("did you mean {}?", ticked(known))
+}
+
 /// Advice for an unknown word: the nearest known one, else all of them.
 pub(crate) fn did_you_mean<'a>(word: &str, known: impl IntoIterator<Item = &'a str> + Clone) -> String {
     if let Some(candidate) = nearest(word, known.clone()) {
-        return format!("did you mean {}?", ticked(candidate));
+        return suggested(candidate);
     }
     let all: Vec<String> = known.into_iter().take(20).map(ticked).collect();
     if all.is_empty() { "remove it".to_owned() } else { format!("known here: {}", all.join(", ")) }

@@ -120,6 +120,13 @@ fn nearer_to_pole(rising: impl Iterator<Item = f64>) -> Vec<f64> {
     more
 }
 
+/// The end of the interval of an angle among rising ones, and how far the angle lies in the interval.
+fn place_among(rising: &[f64], angle: f64) -> (usize, f64) {
+    let next = rising.partition_point(|known| *known <= angle).clamp(1, rising.len() - 1);
+    let (low, high) = (rising[next - 1], rising[next]);
+    (next, (angle - low) / (high - low))
+}
+
 impl PolarTable {
     /// Flux over all directions, in the units of the table times sr.
     pub fn flux(&self) -> f64 {
@@ -145,11 +152,17 @@ impl PolarTable {
         angles.into_iter().map(|angle| Knot::new(&self.azimuth, angle, self.row_at(angle))).collect()
     }
 
+    /// Values by polar angle at an azimuth.
+    #[cfg(feature = "viewer")]
+    pub(crate) fn plane_at(&self, azimuth: f64) -> Vec<f64> {
+        let (next, part) = place_among(&self.azimuth, azimuth);
+        let rows = self.rows[next - 1].iter().zip(&self.rows[next]);
+        rows.map(|(low, high)| low * (1.0 - part) + high * part).collect()
+    }
+
     /// Values by azimuth at a polar angle.
     pub(crate) fn row_at(&self, angle: f64) -> Vec<f64> {
-        let next = self.polar.partition_point(|known| *known <= angle).clamp(1, self.polar.len() - 1);
-        let (low, high) = (self.polar[next - 1], self.polar[next]);
-        let part = (angle - low) / (high - low);
+        let (next, part) = place_among(&self.polar, angle);
         self.rows.iter().map(|row| row[next - 1] * (1.0 - part) + row[next] * part).collect()
     }
 

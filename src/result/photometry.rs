@@ -83,6 +83,12 @@ fn shares(source: &Source) -> impl Iterator<Item = (usize, f64)> {
     source.spectrum.wavelengths.iter().copied().zip(shares)
 }
 
+/// The luminous efficacy of a source's light \[lm/W\].
+#[cfg(feature = "viewer")]
+pub(crate) fn efficacy_of(ir: &SceneIr, source: &Source) -> f64 {
+    shares(source).map(|(place, share)| share * efficacy(ir.wavelengths[place])).sum()
+}
+
 /// The mean of a function of the wavelength to a power, over what a detector gets of a source. The detector gets the
 /// share `through` of each wavelength, whichever the source.
 fn mean_over(

@@ -10,7 +10,7 @@ use crate::engine::pipeline_cache::Shaders;
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::model::ray_id::NUM_REPLICATES;
-use crate::model::{PathFilter, SceneIr, depth};
+use crate::model::{PathFilter, SceneIr};
 use crate::program::{Precision, Sampler};
 use crate::result::difference::{Pairing, Spread, with_sources_of};
 use crate::result::{DetectorTally, FluxSum, FluxUnit, RunInfo, SceneDifference, Tally};
@@ -63,7 +63,8 @@ impl Run<'_> {
         b: &Scene,
         mut next: impl FnMut(&Status) -> Next,
     ) -> Result<SceneDifference> {
-        let run = Run { max_depth: self.max_depth.or_else(|| pair.depth(self.looks_for_ghosts())), ..self };
+        let depth = pair.scenes().map(|ir| self.depth_of(ir)).into_iter().max();
+        let run = Run { max_depth: self.max_depth.or(depth), ..self };
         let (gpu, wanted) = (run.device()?, run.precision);
         let settled = run.settle_by(&gpu, |options| pair.choose_precision(&gpu, options, wanted))?;
         let Settled { options, info } = run.guided(&gpu, settled, None)?;
@@ -102,12 +103,6 @@ impl<'a> Pair<'a> {
     /// A and B.
     pub fn scenes(&self) -> [&SceneIr; 2] {
         [self.a, &self.b]
-    }
-
-    /// The largest number of events that a ray of either scene should have.
-    fn depth(&self, looks_for_ghosts: bool) -> Option<u32> {
-        let of = if looks_for_ghosts { depth::of_ghosts } else { depth::of_scene };
-        self.scenes().map(of).into_iter().max()
     }
 
     /// The precision that both scenes need.

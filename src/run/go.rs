@@ -167,10 +167,7 @@ impl<'a> Run<'a> {
             None => options.live,
         };
         TraceOptions {
-            max_depth: self.max_depth.unwrap_or_else(|| match self.looks_for_ghosts() {
-                true => crate::model::depth::of_ghosts(&self.model),
-                false => crate::model::depth::of_scene(&self.model),
-            }),
+            max_depth: self.max_depth.unwrap_or_else(|| self.depth_of(&self.model)),
             standard_error: match self.target_error {
                 Some(_) => StandardError::On,
                 None => options.standard_error,

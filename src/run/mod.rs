@@ -46,7 +46,7 @@ use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu};
 use crate::guide::Guide;
 use crate::guide::learn::Wanted;
-use crate::model::SceneIr;
+use crate::model::{SceneIr, depth};
 use crate::result::{photometry, wavelengths_apart};
 use crate::run::checkpoint::Checkpoint;
 use crate::run::precision::WantedPrecision;
@@ -273,9 +273,12 @@ impl<'a> Run<'a> {
         Run { follows_ghosts: true, ..self }
     }
 
-    /// True if rays are followed as far as ghosts go.
-    fn looks_for_ghosts(&self) -> bool {
-        self.follows_ghosts || self.guiding.is_some() || self.scene.is_guided()
+    /// The largest number of events of a ray of a scene, where nobody says it.
+    fn depth_of(&self, ir: &SceneIr) -> u32 {
+        match self.follows_ghosts || self.guiding.is_some() || self.scene.is_guided() {
+            true => depth::of_ghosts(ir),
+            false => depth::of_scene(ir),
+        }
     }
 
     /// The precision.

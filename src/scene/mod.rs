@@ -101,17 +101,16 @@ impl Scene {
     pub fn text(path: &Path) -> Result<String> {
         let bytes =
             whole_files::read(path, json_text::MAX_BYTES as u64).map_err(|err| Error::file(path, err))?;
-        if path.extension().and_then(|end| end.to_str()).is_some_and(|end| {
-            PRESCRIPTIONS.iter().any(|prescription| prescription.eq_ignore_ascii_case(end))
-        }) {
+        let end = path.extension().and_then(|end| end.to_str()).unwrap_or_default();
+        let is_one_of = |ends: &[&str]| ends.iter().any(|known| known.eq_ignore_ascii_case(end));
+        if is_one_of(&PRESCRIPTIONS) {
             let command = format!("python -m nsq_gpu.convert {} -o scene.json", path_text(path));
             return Err(Error::file(
                 path,
                 format!("it is a lens, no scene; `{command}` makes a scene of it"),
             ));
         }
-        let is_lamp = |end: &str| LAMPS.iter().any(|lamp| lamp.eq_ignore_ascii_case(end));
-        if path.extension().and_then(|end| end.to_str()).is_some_and(is_lamp) {
+        if is_one_of(&LAMPS) {
             let problem = "it is a lamp's file, no scene; `nsq-gpu lamp` reads it, and a source of type tabulated names it as its `file`";
             return Err(Error::file(path, problem));
         }

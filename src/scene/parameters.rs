@@ -9,7 +9,7 @@
 //! stand in, and that has a name, is one: its number is set in all of them.
 
 use crate::error::{Error, Result};
-use crate::model::key_path::{did_you_mean, quoted, ticked};
+use crate::model::key_path::{did_you_mean, nearest, quoted, suggested, ticked};
 use crate::scene::elements::{Elements, Moved};
 use crate::scene::json_tree::{Array, Value, View};
 use crate::scene::named_entries::{FRAME, Step, at, at_mut, entries, frames, inner, key, parts};
@@ -250,9 +250,8 @@ fn find(tree: &Value, elements: &Elements, name: &str) -> Result<Found> {
                 ticked(&entry[end])
             )));
         }
-        let advice = did_you_mean(&part, known.iter().chain(&faces).copied());
-        if advice.starts_with("did you mean") {
-            return Err(nothing_called(name, &label, &advice));
+        if let Some(near) = nearest(&part, known.iter().chain(&faces).copied()) {
+            return Err(nothing_called(name, &label, &suggested(near)));
         }
     }
     Err(nothing_called(name, &label, &did_you_mean(&label, known)))

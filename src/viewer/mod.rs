@@ -20,7 +20,7 @@ pub mod light;
 pub mod line_profile;
 pub mod model;
 pub mod plot;
-pub mod polar;
+mod polar;
 pub mod screen_pixels;
 pub mod screenshot;
 pub mod settings;

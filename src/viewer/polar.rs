@@ -1,16 +1,16 @@
 //! Polar diagrams, as people know them of lamps: intensity over the polar angle. One is of a far field that was traced,
 //! others are of the lamps of a scene, before a ray is traced.
 
-use crate::model::photometry::{efficacy, is_visible};
+use crate::model::photometry::is_visible;
 use crate::model::{PolarTable, SceneIr, Source, SourceKind};
 use crate::result::figures::field::Field;
-use crate::result::picture::Rgb;
-use crate::result::png::diagram::{PLANES, planes};
+use crate::result::photometry::efficacy_of;
+use crate::result::png::diagram::{Curve, PLANES, curves, top};
 use crate::result::{Detector, DetectorData};
 
 /// A diagram of two planes through the axis.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Diagram {
+pub(crate) struct Diagram {
     /// The largest polar angle: 90 or 180 \[deg\].
     pub reach: f64,
     /// Unit of the intensities: cd or W/sr.
@@ -19,40 +19,24 @@ pub struct Diagram {
     pub curves: Vec<Curve>,
 }
 
-/// The intensity in a plane through the axis.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Curve {
-    /// The plane.
-    pub name: &'static str,
-    /// The curve's colour.
-    pub color: Rgb,
-    /// Polar angles \[deg\], rising and negative in the half to the left, with their intensities.
-    pub points: Vec<(f64, f64)>,
-}
-
 impl Diagram {
     /// The largest intensity.
     pub fn top(&self) -> f64 {
-        self.curves.iter().flat_map(|curve| &curve.points).map(|(_, value)| *value).fold(0.0, f64::max)
+        top(&self.curves)
     }
 }
 
 /// The diagram of a far field; `None` of any other detector.
-pub fn of_far_field(detector: &Detector) -> Option<Diagram> {
+pub(crate) fn of_far_field(detector: &Detector) -> Option<Diagram> {
     let DetectorData::FarField(pattern) = &detector.data else { return None };
     let field = Field::of_detector(detector)?;
     let (field, reach) = (field.of_equal_solid_angles(), pattern.reach());
-    let curves = planes(&field.values).map(|(name, [right, left], color)| {
-        let angle = |row: usize| reach * (row as f64 + 0.5) / right.len() as f64;
-        let left = left.iter().enumerate().rev().map(|(row, value)| (-angle(row), *value));
-        let right = right.iter().enumerate().map(|(row, value)| (angle(row), *value));
-        Curve { name, color, points: left.chain(right).collect() }
-    });
+    let curves = curves(&field.values, reach);
     Some(Diagram { reach, unit: field.labels.value.1, curves: curves.into() })
 }
 
 /// The diagrams of the lamps of a scene, as their tables say: of lamps that are alike, one, with all of their names.
-pub fn of_lamps(ir: &SceneIr) -> Vec<(Vec<String>, Diagram)> {
+pub(crate) fn of_lamps(ir: &SceneIr) -> Vec<(Vec<String>, Diagram)> {
     let mut found: Vec<(Vec<String>, Diagram)> = Vec::new();
     for source in &ir.sources {
         let SourceKind::Tabulated(lamp) = &source.kind else { continue };
@@ -66,35 +50,22 @@ pub fn of_lamps(ir: &SceneIr) -> Vec<(Vec<String>, Diagram)> {
 }
 
 fn of_lamp(ir: &SceneIr, source: &Source, table: &PolarTable) -> Diagram {
-    let below = std::iter::once(&0.0).chain(&source.spectrum.cdf);
-    let weights = source.spectrum.cdf.iter().zip(below).map(|(cdf, below)| cdf - below);
-    let lines = source.spectrum.wavelengths.iter().zip(weights);
-    let lumens_per_watt: f64 = lines.map(|(line, weight)| weight * efficacy(ir.wavelengths[*line])).sum();
+    let lumens_per_watt = efficacy_of(ir, source);
     let (unit, factor) = if is_visible(lumens_per_watt) { ("cd", lumens_per_watt) } else { ("W/sr", 1.0) };
     let scale = factor * source.total_flux / table.flux();
-    let half = |azimuth: f64| -> Vec<(f64, f64)> {
+    let half = |azimuth: f64| {
         let angles = table.polar.iter().map(|angle| angle.to_degrees());
-        angles
-            .zip(row_of(table, azimuth.rem_euclid(360.0).to_radians()).into_iter().map(|value| scale * value))
-            .collect()
+        let values = table.plane_at(azimuth.rem_euclid(360.0).to_radians());
+        angles.zip(values.into_iter().map(|value| scale * value)).collect()
     };
     let is_of_revolution = table.rows.windows(2).all(|rows| rows[0] == rows[1]);
     let num = if is_of_revolution { 1 } else { PLANES.len() };
-    let curves = PLANES.iter().take(num).map(|&(name, [right, left], color)| {
-        let left = half(left).into_iter().rev().map(|(angle, value)| (-angle, value));
+    let curves = PLANES.iter().take(num).map(|&(name, halves, color)| {
         let name = if is_of_revolution { "all planes" } else { name };
-        Curve { name, color, points: left.chain(half(right)).collect() }
+        Curve::of_halves(name, color, halves.map(half))
     });
     let last = table.polar.last().map_or(0.0, |angle| angle.to_degrees());
     Diagram { reach: if last > 90.0 + 1e-9 { 180.0 } else { 90.0 }, unit, curves: curves.collect() }
-}
-
-/// The values over the polar angles of a table at an azimuth \[rad\].
-fn row_of(table: &PolarTable, azimuth: f64) -> Vec<f64> {
-    let next = table.azimuth.partition_point(|known| *known <= azimuth).clamp(1, table.azimuth.len() - 1);
-    let [low, high] = [next - 1, next];
-    let part = (azimuth - table.azimuth[low]) / (table.azimuth[high] - table.azimuth[low]);
-    table.rows[low].iter().zip(&table.rows[high]).map(|(a, b)| a + part * (b - a)).collect()
 }
 
 #[cfg(test)]

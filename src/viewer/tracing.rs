@@ -21,6 +21,7 @@ use crate::result::{PathColumns, TraceResult};
 use crate::run::precision::WantedPrecision;
 use crate::run::{Next, Pass, RecordPaths, Run, StandardError, TraceOptions};
 use crate::scene::Scene;
+use crate::viewer::polar::{Diagram, of_lamps};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
@@ -34,6 +35,8 @@ pub struct LoadedScene {
     pub scene: Scene,
     /// The lowered scene, which is traced.
     pub ir: SceneIr,
+    /// The polar diagrams of its lamps.
+    pub(super) lamps: Vec<(Vec<String>, Diagram)>,
 }
 
 impl LoadedScene {
@@ -44,7 +47,8 @@ impl LoadedScene {
     pub fn read(path: &Path) -> Result<Self> {
         let scene = Scene::from_path(path)?;
         let ir = scene.lower()?;
-        Ok(LoadedScene { path: path.into(), scene, ir })
+        let lamps = of_lamps(&ir);
+        Ok(LoadedScene { path: path.into(), scene, ir, lamps })
     }
 }
 

@@ -6,6 +6,7 @@ of different blocks is independent, and adds nothing to such a product on averag
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from math import comb
@@ -89,6 +90,7 @@ class BlockMaps:
         return replace(self, flux=self.flux + other.flux, _blurred={})
 
 
+@functools.cache
 def _square_of_gaussian(width: float) -> float:
     """Return the mean square of a Gaussian splat about the hit, of a width in pixels, over all places of the hit in its pixel."""
     reach = int(np.ceil(3.0 * width))

@@ -53,24 +53,18 @@ pub fn judge(result: &TraceResult, detector: &Detector, asked: &Asked) -> Result
         true => angles(&field, &total),
         false => Named::new(),
     };
-    whole.extend(evenness(&coarse, &everywhere, None, total.error.is_some()));
+    let smooth = total.error.map(|_| coarse.smoothed());
+    let size = columns as f64 * coarse.measure.iter().sum::<f64>();
+    let flux = Figure::unmoved(total.flux, total.error);
+    whole.extend(evenness(&coarse, smooth.as_ref(), &everywhere, (flux, size)));
     if is_far_field {
         // Over all directions, evenness says nothing.
-        whole.retain(|name, _| name == "max" || name.ends_with("_deg"));
+        whole.retain(|name, _| name == "max" || name == "flux" || name.ends_with("_deg"));
     } else {
         whole.extend(widths(&coarse, total.error.is_some()));
     }
-    whole.insert("flux".into(), Figure::unmoved(total.flux, total.error));
-    if let Some(mean) = whole.get_mut("mean") {
-        // Neighbouring pixels may share rays, so the error comes from the flux.
-        let relative = total.error.map(|error| error / total.flux);
-        *mean = Figure::unmoved(mean.value, relative.map(|relative| relative * mean.value));
-    }
-    let regions = asked
-        .regions
-        .iter()
-        .map(|region| of_region(*region, &field, &coarse, &total))
-        .collect::<Result<_>>()?;
+    let of_region = |region: &Region| of_region(*region, &field, (&coarse, smooth.as_ref()), &total);
+    let regions = asked.regions.iter().map(of_region).collect::<Result<_>>()?;
     let mut figures = Figures {
         unit: field.labels.value.1.replace('²', "^2"),
         flux_unit: field.labels.flux.into(),
@@ -210,10 +204,16 @@ fn pixels_of(field: &Field, [columns, rows]: [usize; 2], detector: &Detector) ->
     )))
 }
 
-/// Least, mean and largest value, and how even that is. Only cells that belong to the part by half at least count for
-/// the least and the largest value. The mean is `mean`, the flux of the part over its size, which noise moves as it
-/// moves the cells.
-fn evenness(field: &Field, shares: &Array2<f64>, mean: Option<f64>, has_errors: bool) -> Named {
+/// Flux, least, mean and largest value of a part, and how even the part is. Only cells that belong to the part by half at
+/// least count for the least and the largest value. The mean is the flux of the part over its size, with the error of the
+/// flux, because neighbouring pixels may share rays. Noise is added to the map `smooth`; without it there are no errors.
+fn evenness(
+    field: &Field,
+    smooth: Option<&Field>,
+    shares: &Array2<f64>,
+    (flux, size): (Figure, f64),
+) -> Named {
+    let mean = Figure::unmoved(flux.value / size, flux.standard_error.map(|error| error / size));
     let is_polar = field.geometry == CellGeometry::Polar;
     let mean_of_cells = |field: &Field| {
         let (mut flux, mut size) = (0.0, 0.0);
@@ -223,10 +223,9 @@ fn evenness(field: &Field, shares: &Array2<f64>, mean: Option<f64>, has_errors: 
         }
         (size > 0.0).then(|| flux / size)
     };
-    let scale = mean.zip(mean_of_cells(field)).map_or(1.0, |(mean, of_cells)| match of_cells > 0.0 {
-        true => mean / of_cells,
-        false => 1.0,
-    });
+    // Noise moves the mean as it moves the cells.
+    let scale =
+        mean_of_cells(field).filter(|of_cells| *of_cells > 0.0).map_or(1.0, |of_cells| mean.value / of_cells);
     let of = |field: &Field| {
         let equal;
         let field = if is_polar {
@@ -244,14 +243,15 @@ fn evenness(field: &Field, shares: &Array2<f64>, mean: Option<f64>, has_errors: 
         let ratio = |value: f64| value.is_finite().then_some(value);
         [
             least.is_finite().then_some(least),
-            mean,
             peak.is_finite().then_some(peak),
             mean.and_then(|mean| ratio(least / mean)),
             ratio(least / peak),
         ]
     };
-    let names = ["min", "mean", "max", "min_over_mean", "min_over_max"];
-    named(names, with_errors(field, has_errors, &field.smoothed(), of))
+    let names = ["min", "max", "min_over_mean", "min_over_max"];
+    let mut found = named(names, with_errors(field, smooth, of));
+    found.extend([("mean".to_string(), mean), ("flux".to_string(), flux)]);
+    found
 }
 
 fn named<const N: usize>(names: [&str; N], figures: [Option<Figure>; N]) -> Named {
@@ -274,7 +274,7 @@ fn widths(field: &Field, has_errors: bool) -> Named {
         let y = through(Axis(1), peak.1, (0..rows).map(|row| field.centre((row, 0)).1).collect());
         [x.width(0.5), y.width(0.5)]
     };
-    named(["fwhm_x_mm", "fwhm_y_mm"], with_errors(field, has_errors, field, of))
+    named(["fwhm_x_mm", "fwhm_y_mm"], with_errors(field, has_errors.then_some(field), of))
 }
 
 /// Full angles in which the intensity is at least half (beam), or a tenth (field), of the largest. Each is given for
@@ -306,7 +306,7 @@ fn angles(field: &Field, total: &Total) -> Named {
         "field_angle_c0_deg",
         "field_angle_c90_deg",
     ];
-    named(names, with_errors(field, total.error.is_some(), field, of))
+    named(names, with_errors(field, total.error.map(|_| field), of))
 }
 
 /// The mean over some azimuths, by the polar angle.
@@ -323,7 +323,12 @@ fn over_polar_angles(field: &Field, columns: &[usize]) -> Profile {
     }
 }
 
-fn of_region(region: Region, field: &Field, coarse: &Field, total: &Total) -> Result<RegionFigures> {
+fn of_region(
+    region: Region,
+    field: &Field,
+    (coarse, smooth): (&Field, Option<&Field>),
+    total: &Total,
+) -> Result<RegionFigures> {
     let shares = region.shares(field);
     if !shares.iter().any(|share| *share > 0.0) {
         let problem = match region.share_outside(field) < 1.0 {
@@ -336,10 +341,7 @@ fn of_region(region: Region, field: &Field, coarse: &Field, total: &Total) -> Re
     }
     let (flux, share) = total.of_part(field, &shares);
     let size: f64 = shares.indexed_iter().map(|((row, _), share)| share * field.measure[row]).sum();
-    let mean = flux.value / size;
-    let mut figures = evenness(coarse, &region.shares(coarse), Some(mean), total.error.is_some());
-    figures.insert("mean".into(), Figure::unmoved(mean, flux.standard_error.map(|error| error / size)));
-    figures.insert("flux".into(), flux);
+    let mut figures = evenness(coarse, smooth, &region.shares(coarse), (flux, size));
     figures.extend(share.map(|share| ("share".to_string(), share)));
     Ok(RegionFigures { region, figures })
 }

@@ -15,17 +15,16 @@ use crate::result::figures::found::Figure;
 /// Maps with noise. The standard error of a standard error of so many is 5 %.
 const NOISY_MAPS: usize = 200;
 
-/// Figures of a field, of which some may not exist. Figures have errors if the errors of the field's cells are known. `base`
-/// is the field to which noise is added.
+/// Figures of a field, of which some may not exist. Noise is added to `base`. Without it, figures have no errors.
 pub(super) fn with_errors<const N: usize>(
     field: &Field,
-    has_errors: bool,
-    base: &Field,
+    base: Option<&Field>,
     figures: impl Fn(&Field) -> [Option<f64>; N],
 ) -> [Option<Figure>; N] {
-    let (values, of_base) = (figures(field), figures(base));
+    let values = figures(field);
+    let of_base = base.map(&figures);
     let mut of_noise = vec![[None; N]; 0];
-    if has_errors {
+    if let Some(base) = base {
         let mut noisy = base.clone();
         let mut draws = Draw::new(0);
         for _ in 0..NOISY_MAPS {
@@ -39,14 +38,15 @@ pub(super) fn with_errors<const N: usize>(
         let value = values[number]?;
         let noisy: Vec<f64> = of_noise.iter().filter_map(|figures| figures[number]).collect();
         // Where noise makes a figure vanish, its spread says too little.
-        let is_known = has_errors && noisy.len() == NOISY_MAPS;
+        let is_known = noisy.len() == NOISY_MAPS;
         let mean = noisy.iter().sum::<f64>() / noisy.len() as f64;
         let variance =
             noisy.iter().map(|found| (found - mean).powi(2)).sum::<f64>() / (noisy.len() as f64 - 1.0);
+        let of_base = of_base.filter(|_| is_known).and_then(|of_base| of_base[number]);
         Some(Figure {
             value,
             standard_error: is_known.then(|| variance.sqrt()),
-            noise_bias: of_base[number].filter(|_| is_known).map(|of_base| mean - of_base),
+            noise_bias: of_base.map(|of_base| mean - of_base),
         })
     })
 }

@@ -38,9 +38,8 @@ pub(crate) fn far_field(
 
 /// The diagram, in which the polar angle 0 points down.
 fn polar_diagram(path: &Path, head: &Head, intensity: &Array2<f64>, reach: f64) -> Drawn {
-    let rows = intensity.nrows();
-    let curves = planes(intensity);
-    let top = curves.iter().flat_map(|(_, halves, _)| halves).flatten().copied().fold(0.0, f64::max);
+    let curves = curves(intensity, reach);
+    let top = top(&curves);
     let unit = head.style.unit_of(head.quantity.1, top);
     let steps = ticks((0.0, if top > 0.0 { top / unit.0 } else { 1.0 }), 5);
     let outermost =
@@ -72,17 +71,9 @@ fn polar_diagram(path: &Path, head: &Head, intensity: &Array2<f64>, reach: f64) 
                 canvas.label(&format!("{}°", angle.abs()), place, HPos::Center, VPos::Center)?;
             }
         }
-        for (_, halves, color) in curves {
-            let side = |half: &[f64], sign: f64| -> Vec<(i32, i32)> {
-                let point = |(row, value): (usize, &f64)| {
-                    at(sign * reach * (row as f64 + 0.5) / rows as f64, value / unit.0 / outermost)
-                };
-                half.iter().enumerate().map(point).collect()
-            };
-            let mut line = side(&halves[1], -1.0);
-            line.reverse();
-            line.extend(side(&halves[0], 1.0));
-            canvas.curve(line, color)?;
+        for curve in curves {
+            let line = curve.points.iter().map(|(angle, value)| at(*angle, value / unit.0 / outermost));
+            canvas.curve(line.collect(), curve.color)?;
         }
         for (value, label) in steps.iter().filter(|(value, _)| *value > 0.0) {
             let place = at(0.0, value / outermost);
@@ -99,12 +90,38 @@ fn polar_diagram(path: &Path, head: &Head, intensity: &Array2<f64>, reach: f64) 
     })
 }
 
-/// The names, the halves and the colours of the planes of a diagram: of intensities by polar angle and azimuth.
-pub(crate) fn planes(intensity: &Array2<f64>) -> [(&'static str, [Vec<f64>; 2], Rgb); 2] {
-    let columns = intensity.ncols();
-    PLANES.map(|(name, halves, color)| {
-        (name, halves.map(|azimuth| profile(intensity, &sector(columns, azimuth))), color)
-    })
+/// The intensity in a plane through the axis.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Curve {
+    /// The plane.
+    pub name: &'static str,
+    /// The curve's colour.
+    pub color: Rgb,
+    /// Polar angles \[deg\], rising and negative in the half to the left, with their intensities.
+    pub points: Vec<(f64, f64)>,
+}
+
+impl Curve {
+    /// The curve of two halves, by their polar angles \[deg\].
+    pub fn of_halves(name: &'static str, color: Rgb, [right, left]: [Vec<(f64, f64)>; 2]) -> Self {
+        let left = left.into_iter().rev().map(|(angle, value)| (-angle, value));
+        Curve { name, color, points: left.chain(right).collect() }
+    }
+}
+
+/// The largest intensity of curves.
+pub(crate) fn top(curves: &[Curve]) -> f64 {
+    curves.iter().flat_map(|curve| &curve.points).map(|(_, value)| *value).fold(0.0, f64::max)
+}
+
+/// The curves of a far field: of intensities by polar angle and azimuth. Polar angles go to `reach` \[deg\].
+pub(crate) fn curves(intensity: &Array2<f64>, reach: f64) -> [Curve; 2] {
+    let (rows, columns) = intensity.dim();
+    let half = |azimuth: f64| {
+        let angles = (0..rows).map(|row| reach * (row as f64 + 0.5) / rows as f64);
+        angles.zip(profile(intensity, &sector(columns, azimuth))).collect()
+    };
+    PLANES.map(|(name, halves, color)| Curve::of_halves(name, color, halves.map(half)))
 }
 
 /// The mean over some columns, by row.

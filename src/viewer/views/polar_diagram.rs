@@ -3,7 +3,7 @@
 use crate::format::shown;
 use crate::result::picture::Rgb;
 use crate::viewer::model::Subject;
-use crate::viewer::polar::{Diagram, of_far_field, of_lamps};
+use crate::viewer::polar::{Diagram, of_far_field};
 use crate::viewer::state::App;
 use crate::viewer::views::{quiet, title, value};
 use eframe::egui::{Align2, Color32, FontId, RichText, Sense, Stroke, Ui, pos2, vec2};
@@ -24,7 +24,7 @@ pub(super) fn far_field(app: &App, ui: &mut Ui) {
 /// The polar diagrams of the lamps of the scene.
 pub(super) fn lamps(app: &App, ui: &mut Ui) {
     let Some(scene) = app.model.scene() else { return };
-    let lamps = of_lamps(&scene.ir);
+    let lamps = &scene.lamps;
     if lamps.is_empty() {
         return;
     }
