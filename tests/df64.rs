@@ -45,7 +45,7 @@ fn this_device_passes_the_test_and_tells_what_fails() {
     let gpu = zoo::gpu();
     gpu.check_df64().unwrap();
     // A fused or simplified sum, as a compiler that reorders makes it.
-    let wrong = df64::LIBRARY.replace("df64_rounded(b - taken)", "0.0");
+    let wrong = zoo::replaced(df64::LIBRARY, "df64_rounded(b - taken)", "0.0");
     let Err(Error::Usage(message)) = gpu.test_df64(&wrong) else { panic!("sums without their error pass") };
     for part in ["cannot trace in df64, because", "is off by", "use --precision f32"] {
         assert!(message.contains(part), "{message}");

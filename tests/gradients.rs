@@ -27,12 +27,9 @@ fn of_oracle(name: &str) -> (String, Value) {
     (read(".scene.json"), serde_json::from_str(&read(".json")).unwrap())
 }
 
-/// Changes a shader, which must have a text, to have another instead.
-fn planted<'t>(name: &'t str, text: &'t str, wrong: &'t str) -> impl Fn(String) -> String + 't {
-    move |wgsl: String| {
-        assert!(wgsl.contains(text), "{name}: the shader has no `{text}`");
-        wgsl.replace(text, wrong)
-    }
+/// Changes a text of a shader.
+fn planted<'t>(text: &'t str, wrong: &'t str) -> impl Fn(String) -> String + 't {
+    move |wgsl: String| zoo::replaced(&wgsl, text, wrong)
 }
 
 fn differentiated(text: &str, names: &[&str]) -> Differentiated {
@@ -870,7 +867,7 @@ fn planted_errors_are_found() {
     for (name, parameter, text, wrong) in errors {
         let (scene, theirs) = of_oracle(name);
         let scene = differentiated(&scene, &[parameter]);
-        let edit = planted(name, text, wrong);
+        let edit = planted(text, wrong);
         let options = zoo::options(2000, 1, Precision::F64);
         let how = How { edit: Some(&edit), ..How::default() };
         let found = scene.gradients(zoo::gpu(), &options, how, |_| true).unwrap().0;
@@ -1154,7 +1151,7 @@ fn errors_planted_in_the_way_back_are_found() {
         let scene = differentiated(&scene, &[parameter]);
         let options = TraceOptions { max_depth: 40, ..zoo::options(2000, 1, Precision::F64) };
         let adjoints = some_adjoints(&scene);
-        let edit = planted(name, text, wrong);
+        let edit = planted(text, wrong);
         let of = |edit: Option<&dyn Fn(String) -> String>| {
             // An error may leave nothing, as if the parameter acted at edges alone.
             let how = How { edit, with_edges: true, ..How::default() };
@@ -1179,12 +1176,11 @@ fn a_ray_without_an_adjoint_is_lost_alone() {
     let back = "generate_back(index, adjoint);";
     let no_number =
         format!("if index == 70u {{ adjoint.position.x = (noted - noted) / (noted - noted); }} {back}");
-    let no_number = planted("bench", back, &no_number);
+    let no_number = planted(back, &no_number);
     let position = "is_valid = has_position(ray);";
-    let no_position = planted("bench", position, "is_valid = has_position(ray) & (index != 71u);");
+    let no_position = planted(position, "is_valid = has_position(ray) & (index != 71u);");
     let first = "fn walk(index: u32) {";
-    let skipped =
-        planted("bench", first, "fn walk(index: u32) { if index == 70u || index == 71u { return; }");
+    let skipped = planted(first, "fn walk(index: u32) { if index == 70u || index == 71u { return; }");
     let whole = of(&|text| text);
     let lost = of(&|text| no_number(no_position(text)));
     let without = of(&skipped);

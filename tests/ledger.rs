@@ -96,7 +96,7 @@ fn every_ledger_closes_where_rays_are_split() {
     check_split_rays(1);
 }
 
-/// Traces what makes more rounds of loops than lavapipe allows: where they are cut, the trace is refused with this advice.
+/// Traces what makes more iterations of loops than lavapipe allows: where they are cut, the trace is refused with this advice.
 /// Unnoticed, `is_wrong` tells.
 fn assert_cut_loops_are_refused(
     ir: &SceneIr,
@@ -110,7 +110,8 @@ fn assert_cut_loops_are_refused(
         Ok(tally) => assert!(!is_wrong(&tally), "a driver that cuts nothing"),
         Err(Error::Device(message)) => {
             assert!(message.contains(advice), "{message}");
-            let unnoticed = trace(|wgsl| wgsl.replace("rounds < wanted", "rounds > wanted")).unwrap();
+            let unnoticed =
+                trace(|wgsl| zoo::replaced(&wgsl, "iterations < wanted", "iterations > wanted")).unwrap();
             assert!(is_wrong(&unnoticed), "the loops were cut");
         }
         Err(other) => panic!("{other}"),

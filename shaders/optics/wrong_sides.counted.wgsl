@@ -3,7 +3,8 @@
 //
 // A ray that passes a face from another medium than the one in front of that face is on the wrong side. Either that face
 // is turned inside out, a solid before it is open, or the ray's source stands in a solid without the solid's medium. A
-// ray that ends in a medium in which it was not born has left a solid by no face. Other ends mean nothing: an absorber may bound a solid, and other fates may come anywhere.
+// ray that ends in a medium in which it was not born has left a solid by no face. Other ends mean nothing: an absorber may
+// bound a solid, and other fates may come anywhere.
 
 // True where a guard may still fail, and the ray is then traced anew (cpu/path/sides.guarded.wgsl). There it is not
 // counted, and noted in `went_wrong`.

@@ -19,7 +19,7 @@ struct Lobe {
     weight: real,
 }
 
-// Draws whether the ray scatters, with the clipped fraction. The weights of both branches undo the clipping (on the
+// Whether the ray scatters is drawn with the clipped fraction. The weights of both branches undo the clipping (on the
 // host: program::layout::bsdf::Branch).
 fn plain_scatter(ray: ptr<function, Ray>, surface: Surface, n_geometric: vec3<real>, incoming: vec3<real>) {
     if surface.bsdf == SMOOTH {
@@ -28,7 +28,7 @@ fn plain_scatter(ray: ptr<function, Ray>, surface: Surface, n_geometric: vec3<re
     let key = (*ray).key;
     let step = (*ray).bounce;
     var share = surface.pass_weight;
-    if below(draw(key, SCATTER_BRANCH, step), surface.scatter_fraction) {
+    if draw_scattering(ray, surface, draw(key, SCATTER_BRANCH, step)) {
         let n = select(n_geometric, -n_geometric, dot(incoming, n_geometric) > 0.0);
         let incident = select((*ray).direction, incoming, surface.interaction == REFLECTIVE);
         let lobe = sample_bsdf(Scattering(key, step, incident, n), surface);

@@ -3,7 +3,7 @@
 //! A row that plain rays bring too seldom is to be drawn on purpose, by the sequences of its light. How often each
 //! sequence is to be drawn follows from how many of its rays arrive. Probabilities at faces then follow from the tree
 //! of all sequences. Of the sequences that have come as the ray has, some reflect next: the ray reflects with their
-//! share.
+//! share. Some scatter next, and the ray scatters with their share.
 
 use crate::error::Result;
 use crate::model::guide::{Choice, Guide, NO_NODE, PLAIN, PLAIN_SHARE, fits};
@@ -54,10 +54,10 @@ const SHARE_OF_TRACE: f64 = 0.125;
 /// Fewest and most rays of a pilot's largest round.
 const FEWEST_RAYS: u64 = 1 << 15;
 const MOST_RAYS: u64 = 1 << 17;
-/// Reflections and scatterings up to which exploring rays reflect on purpose.
+/// Reflections and scatterings up to which exploring rays turn on purpose.
 pub(super) const MOST_EXPLORED: usize = 4;
-/// Faces that an exploring ray is taken to pass, before a pilot has counted them.
-const FACES_AT_FIRST: usize = 12;
+/// Choices that an exploring ray is taken to have on its way, before a pilot has counted them.
+const CHOICES_AT_FIRST: usize = 12;
 /// Most sequences that a guide follows.
 const MOST_TARGETS: usize = 1 << 12;
 /// The share of guided rays for rows beyond the first. Without this share a ray would come to such a row by chance
@@ -82,17 +82,16 @@ pub fn learn(
     mut pilot: impl FnMut(&Guide, u64, usize) -> Result<Tally>,
 ) -> Result<Learned> {
     let most = ((num_rays as f64 * SHARE_OF_TRACE) as u64).clamp(FEWEST_RAYS, MOST_RAYS);
-    let num_faces =
-        ir.surfaces.iter().filter(|surface| surface.interaction == Interaction::Refractive).count();
-    let mut reflect = 1.0 / (num_faces.min(FACES_AT_FIRST) as f64 + 1.0);
+    let num_choices: usize = (0..ir.surfaces.len() as u32).map(|surface| choices(ir, surface)).sum();
+    let mut turn = 1.0 / (num_choices.min(CHOICES_AT_FIRST) as f64 + 1.0);
     let mut tree = Tree::new(ir);
     let (mut learned, mut num_rows, mut known) = (0, 0, BTreeMap::new());
     for (round, (share, exploring)) in ROUNDS.into_iter().enumerate() {
-        let guide = tree.guide(ir, Some(Exploring { share: exploring, reflect }));
+        let guide = tree.guide(ir, Some(Exploring { share: exploring, turn }));
         let tally = pilot(&guide, (most as f64 * share) as u64, round)?;
         learned += tally.launched.count;
         let Some(sums) = &tally.path_sums else { continue };
-        reflect = passes(ir, sums).map_or(reflect, |passes| 1.0 / (passes + 1.0));
+        turn = choices_on_the_way(ir, sums).map_or(turn, |choices| 1.0 / (choices + 1.0));
         let piloted = Piloted { ir, tally: &tally, guide: &guide };
         sums.rows.iter().filter(|row| wanted.has(row.0)).for_each(|row| piloted.note(row, &mut known));
         let rows = rows(ir, &tally, sums, wanted.group, &known);
@@ -103,25 +102,34 @@ pub fn learn(
     }
     // Where the pilot found nothing, exploring rays may still find something.
     let guide = match tree.num_targets {
-        0 => tree.guide(ir, Some(Exploring { share: 1.0, reflect })),
+        0 => tree.guide(ir, Some(Exploring { share: 1.0, turn })),
         _ => tree.guide(ir, None),
     };
     Ok(Learned { guide, num_rays: learned, num_rows })
 }
 
-/// How many refractive faces a ray passes that does not turn. `None` if every ray turns.
-fn passes(ir: &SceneIr, sums: &PathTally) -> Option<f64> {
+/// How many choices a ray has that does not turn. `None` if every ray turns.
+fn choices_on_the_way(ir: &SceneIr, sums: &PathTally) -> Option<f64> {
     let straight =
         sums.rows.iter().filter(|(sequence, _)| sequence.reflections() + sequence.scatterings() == 0);
-    let (count, passes) = straight.fold((0, 0), |(count, passes), (sequence, sum)| {
-        let faces = sequence.steps.iter().filter(|step| refracts(ir, step.surface)).count() as u64;
-        (count + sum.count, passes + sum.count * faces)
+    let (count, num_choices) = straight.fold((0, 0), |(count, num_choices), (sequence, sum)| {
+        let of_ray: usize = sequence.steps.iter().map(|step| choices(ir, step.surface)).sum();
+        (count + sum.count, num_choices + sum.count * of_ray as u64)
     });
-    (count > 0).then(|| passes as f64 / count as f64)
+    (count > 0).then(|| num_choices as f64 / count as f64)
+}
+
+/// How many choices a ray has at a surface: whether to reflect, and whether to scatter.
+fn choices(ir: &SceneIr, surface: u32) -> usize {
+    usize::from(refracts(ir, surface)) + usize::from(scatters(ir, surface))
 }
 
 fn refracts(ir: &SceneIr, surface: u32) -> bool {
     ir.surfaces[surface as usize].interaction == Interaction::Refractive
+}
+
+fn scatters(ir: &SceneIr, surface: u32) -> bool {
+    ir.surfaces[surface as usize].scatter.is_some()
 }
 
 impl Wanted {
@@ -289,15 +297,15 @@ fn level(rows: &[Row], of_guided: f64) -> f64 {
 fn likelihood(guide: &Guide, ir: &SceneIr, sequence: &Sequence) -> f64 {
     let (mut node, mut likelihood) = (Guide::first_node(sequence.source), 1.0);
     for step in &sequence.steps {
-        if refracts(ir, step.surface)
-            && let Some(reflect) = guide.choice(node, step.surface).reflect
-        {
-            match step.kind {
-                StepKind::Transmitted => likelihood *= 1.0 - reflect,
-                StepKind::Reflected => likelihood *= reflect,
-                StepKind::ScatteredThrough | StepKind::ScatteredBack => {}
-            }
-        }
+        let choice = guide.choice(node, step.surface);
+        let of_surface = ir.surfaces[step.surface as usize].scatter.as_ref().map(|scatter| scatter.fraction);
+        let scatter = of_surface.map_or(0.0, |fraction| choice.scatter.unwrap_or(fraction));
+        let reflect = choice.reflect.filter(|_| refracts(ir, step.surface));
+        likelihood *= match step.kind {
+            StepKind::Transmitted => (1.0 - scatter) * reflect.map_or(1.0, |reflect| 1.0 - reflect),
+            StepKind::Reflected => (1.0 - scatter) * reflect.unwrap_or(1.0),
+            StepKind::ScatteredThrough | StepKind::ScatteredBack => scatter,
+        };
         node = guide.after(node, step.kind, step.surface);
     }
     likelihood
@@ -308,8 +316,8 @@ fn likelihood(guide: &Guide, ir: &SceneIr, sequence: &Sequence) -> f64 {
 struct Exploring {
     /// The share of the rays at each event.
     share: f64,
-    /// With which probability they reflect.
-    reflect: f64,
+    /// With which probability they reflect, and with which they scatter.
+    turn: f64,
 }
 
 /// What sequences do at a face, among those that come to a node.
@@ -317,8 +325,20 @@ struct Exploring {
 struct Shares {
     reflected: f64,
     transmitted: f64,
-    /// Some sequence scatters: which branch it then took is not known.
-    scatters: bool,
+    /// By which branch a sequence came to scatter is not known.
+    scattered: f64,
+}
+
+impl Shares {
+    /// Of the sequences that do not scatter, how many reflect.
+    fn reflect(&self) -> Option<f64> {
+        let passing = self.reflected + self.transmitted;
+        (passing > 0.0).then(|| self.reflected / passing)
+    }
+
+    fn scatter(&self) -> f64 {
+        self.scattered / (self.reflected + self.transmitted + self.scattered)
+    }
 }
 
 /// The tree of sequences.
@@ -358,12 +378,12 @@ impl Tree {
         self.num_targets += 1;
         let mut at = Guide::first_node(target.sequence.source) as usize;
         for step in &target.sequence.steps {
-            if refracts(ir, step.surface) {
+            if choices(ir, step.surface) > 0 {
                 let shares = self.nodes[at].faces.entry(step.surface).or_default();
                 match step.kind {
                     StepKind::Transmitted => shares.transmitted += target.share,
                     StepKind::Reflected => shares.reflected += target.share,
-                    StepKind::ScatteredThrough | StepKind::ScatteredBack => shares.scatters = true,
+                    StepKind::ScatteredThrough | StepKind::ScatteredBack => shares.scattered += target.share,
                 }
             }
             if step.kind == StepKind::Transmitted {
@@ -390,23 +410,23 @@ impl Tree {
             if number == NO_NODE as usize {
                 return PLAIN;
             }
-            let refracts = refracts(ir, face);
             let next = StepKind::ALL[1..].iter().map(|&kind| {
                 let step = Step { kind, surface: face };
                 node.next.get(&step).copied().unwrap_or_else(|| explored(node.depth + 1))
             });
-            let shares = node.faces.get(&face).filter(|shares| !shares.scatters);
-            let learned = shares.map(|shares| shares.reflected / (shares.reflected + shares.transmitted));
-            let reflect = match (exploring, learned) {
+            let explore = |learned: Option<f64>| match (exploring, learned) {
                 (None, learned) => learned,
-                (Some(exploring), None) => Some(exploring.reflect).filter(|_| node.depth < MOST_EXPLORED),
-                (Some(Exploring { share, reflect }), Some(learned)) => {
-                    Some((1.0 - share) * learned + share * reflect)
+                (Some(exploring), None) => Some(exploring.turn).filter(|_| node.depth < MOST_EXPLORED),
+                (Some(Exploring { share, turn }), Some(learned)) => {
+                    Some((1.0 - share) * learned + share * turn)
                 }
             };
+            let shares = node.faces.get(&face);
+            let reflect = explore(shares.and_then(Shares::reflect)).filter(|_| refracts(ir, face));
+            let scatter = explore(shares.map(Shares::scatter)).filter(|_| scatters(ir, face));
             let mut after = [NO_NODE; 3];
             after.iter_mut().zip(next).for_each(|(place, next)| *place = next);
-            Choice { reflect: reflect.filter(|_| refracts), next: after }
+            Choice { reflect, scatter, next: after }
         };
         let exploring_nodes: Vec<Node> = match exploring {
             Some(_) => (1..=MOST_EXPLORED).map(|depth| Node { depth, ..Node::default() }).collect(),

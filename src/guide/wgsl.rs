@@ -1,7 +1,7 @@
-//! Composes how rays are guided (shaders/guide): the draw of a branch, and roulette.
+//! Composes how rays are guided (shaders/guide): the draws of branches and of scattering, and roulette.
 
 use crate::error::Result;
-use crate::model::guide::PLAIN_SHARE;
+use crate::model::guide::{PLAIN_SHARE, WORDS};
 use crate::program::addition::ShaderAddition;
 use crate::program::wgsl::composition::Composition;
 use crate::program::wgsl::text::Text;
@@ -25,11 +25,14 @@ impl ShaderAddition for GuideShader {
         vec![
             ("optics/branch", shader!("guide/branch.wgsl")),
             ("optics/survival", shader!("guide/survival.wgsl")),
+            ("stages/scatter_branch", shader!("guide/scatter_branch.wgsl")),
         ]
     }
 
     fn add(&self, _composition: &Composition, text: &mut Text) -> Result<()> {
-        text.composed("guide::wgsl", &format!("const PLAIN_SHARE: f32 = {PLAIN_SHARE:?}f;\n"));
+        let constants =
+            format!("const PLAIN_SHARE: f32 = {PLAIN_SHARE:?}f;\nconst GUIDE_WORDS: u32 = {WORDS}u;\n");
+        text.composed("guide::wgsl", &constants);
         text.file(match self.is_filtered {
             true => shader!("guide/alone.filtered.wgsl"),
             false => shader!("guide/alone.none.wgsl"),

@@ -1,4 +1,4 @@
-//! The table by which rays are guided: with which probability a ray reflects at a face, by what it did so far.
+//! The table by which rays are guided: with which probability a ray reflects or scatters at a face, by what it did so far.
 //!
 //! What a ray did is a node of a tree. Each reflection and each scattering leads from a node to a node below it.
 //! Passing through a face leads nowhere. A ray whose node has no way for what happened to it is guided no longer.
@@ -18,16 +18,17 @@ pub const PLAIN_SHARE: f64 = 0.25;
 pub const NO_NODE: u32 = 0;
 
 /// Words of a node at a face.
-pub const WORDS: usize = 4;
+pub const WORDS: usize = 5;
 
-/// The mark of a node that does not guide at a face, in the word of the node after a reflection.
+/// The mark of a node that does not guide at a face: in the word of the node after a reflection, that faces have their own
+/// probability of a reflection, and in the word of the node after scattering through, of scattering.
 pub const IS_PLAIN: u32 = 1 << 31;
 
 /// Most words of a table: 64 MiB.
 const MOST_WORDS: usize = 1 << 24;
 
 /// Version of the file.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 
 /// A guide, for scenes of some faces.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -37,22 +38,24 @@ pub struct Guide {
     faces: Vec<String>,
     /// The names of the sources. Node 1 + i is the node of new rays of source i.
     sources: Vec<String>,
-    /// Four words for each node and each face: the probability of a reflection in units of 2^-32, then three nodes.
-    /// These are the nodes after a reflection, after scattering through, and after scattering back.
+    /// Five words for each node and each face: the probabilities of a reflection and of scattering in units of 2^-32,
+    /// then three nodes. These are the nodes after a reflection, after scattering through, and after scattering back.
     words: Vec<u32>,
 }
 
 /// What a node asks for at a face.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Choice {
-    /// The probability of a reflection. `None`: the face's own.
+    /// The probability of a reflection, among rays that do not scatter. `None`: the face's own.
     pub reflect: Option<f64>,
+    /// The probability of scattering. `None`: the face's own.
+    pub scatter: Option<f64>,
     /// The nodes after a reflection, after scattering through, and after scattering back.
     pub next: [u32; 3],
 }
 
 /// A choice that guides nowhere.
-pub const PLAIN: Choice = Choice { reflect: None, next: [NO_NODE; 3] };
+pub const PLAIN: Choice = Choice { reflect: None, scatter: None, next: [NO_NODE; 3] };
 
 /// True if a table of so many nodes is no larger than a table may be.
 pub fn fits(num_nodes: usize, ir: &SceneIr) -> bool {
@@ -63,11 +66,13 @@ impl Guide {
     /// The guide of a scene that has these choices, node by node and face by face. The first node guides nowhere, and
     /// the nodes of the sources follow.
     pub fn new(ir: &SceneIr, choices: impl IntoIterator<Item = Choice>) -> Self {
-        let words = choices.into_iter().flat_map(|Choice { reflect, next: [reflected, through, back] }| {
-            // A probability of 1 is one unit less.
-            let units = reflect.map_or(0, |p| (p.clamp(0.0, 1.0) * 4_294_967_296.0) as u32);
-            [units, reflected | if reflect.is_none() { IS_PLAIN } else { 0 }, through, back]
-        });
+        // A probability of 1 is one unit less.
+        let units = |p: Option<f64>| p.map_or(0, |p| (p.clamp(0.0, 1.0) * 4_294_967_296.0) as u32);
+        let mark = |p: Option<f64>| if p.is_none() { IS_PLAIN } else { 0 };
+        let words =
+            choices.into_iter().flat_map(|Choice { reflect, scatter, next: [reflected, through, back] }| {
+                [units(reflect), units(scatter), reflected | mark(reflect), through | mark(scatter), back]
+            });
         let mut words: Vec<u32> = words.collect();
         // A buffer is never empty.
         words.resize(words.len().max(WORDS), 0);
@@ -98,10 +103,13 @@ impl Guide {
     /// What a node asks for at a face.
     pub fn choice(&self, node: u32, face: u32) -> Choice {
         let at = (node as usize * self.faces.len() + face as usize) * WORDS;
+        let probability =
+            |units: u32, node: u32| (node & IS_PLAIN == 0).then_some(f64::from(units) / 4_294_967_296.0);
         match self.words.get(at..at + WORDS) {
-            Some(&[units, reflected, through, back]) => Choice {
-                reflect: (reflected & IS_PLAIN == 0).then_some(f64::from(units) / 4_294_967_296.0),
-                next: [reflected & !IS_PLAIN, through, back],
+            Some(&[reflect, scatter, reflected, through, back]) => Choice {
+                reflect: probability(reflect, reflected),
+                scatter: probability(scatter, through),
+                next: [reflected & !IS_PLAIN, through & !IS_PLAIN, back],
             },
             _ => PLAIN,
         }
@@ -176,7 +184,10 @@ impl Guide {
     /// What is wrong with a table, so that a device must not read it.
     pub fn problem(&self) -> Option<String> {
         if self.nsq_gpu_guide != FORMAT {
-            return Some(format!("is of format {}; this program reads format {FORMAT}", self.nsq_gpu_guide));
+            return Some(format!(
+                "is of format {}; this program reads format {FORMAT}, which guides scattering, too; learn it anew (--guide --guide-to)",
+                self.nsq_gpu_guide
+            ));
         }
         let row = WORDS * self.faces.len().max(1);
         let (num_words, num_nodes) = (self.words.len(), self.num_nodes());
@@ -188,8 +199,10 @@ impl Guide {
                 "has {num_words} words; they should be a multiple of {row}, with a node for each source, and at most {MOST_WORDS}"
             ));
         }
-        let nodes =
-            self.words.chunks_exact(WORDS).flat_map(|words| [words[1] & !IS_PLAIN, words[2], words[3]]);
+        let nodes = self
+            .words
+            .chunks_exact(WORDS)
+            .flat_map(|words| [words[2] & !IS_PLAIN, words[3] & !IS_PLAIN, words[4]]);
         nodes
             .into_iter()
             .find(|node| *node as usize >= num_nodes.max(1))

@@ -5,7 +5,7 @@ use crate::checks::Outcome;
 use crate::zoo;
 use glam::{DMat3, DVec2, DVec3};
 use nsq_gpu::guide::learn::Wanted;
-use nsq_gpu::model::bsdfs::harvey_shack;
+use nsq_gpu::model::bsdfs::{self, harvey_shack};
 use nsq_gpu::model::ray_id::{self, NUM_REPLICATES};
 use nsq_gpu::model::scatter_sampling::{ScatterSampling, Target, TargetShape};
 use nsq_gpu::model::shapes::aperture::{ApertureOutline, Axes};
@@ -18,7 +18,7 @@ use nsq_gpu::model::{
     Detector, DetectorKind, End, Extended, FarField, Frame, HarveyShack, Interaction, KCorrelation,
     Lambertian, Measured, MeasuredRow, MeasuredTable, Medium, Mesh, MeshId, Outline, PathFilter, PixelGrid,
     Point, PolarTable, Pupil, RayDatabase, ReflectProb, Sampling, Scatter, SceneIr, Shape, SimpleCoating,
-    Source, SourceKind, Spectral, Spectrum, Splat, Surface, Tabulated, TabulatedCoating,
+    Source, SourceKind, Spectral, Spectrum, Splat, StepKind, Surface, Tabulated, TabulatedCoating,
 };
 use nsq_gpu::program::layout::rng;
 use nsq_gpu::program::{Precision, Sampler};
@@ -50,6 +50,8 @@ pub fn named(name: &str) -> Option<fn(&Bench) -> Outcome> {
         "uploaded rays" => uploaded_rays,
         "guided plate" => guided_plate,
         "guided ghost" => guided_ghost,
+        "guided scatterers" => guided_scatterers,
+        "guided scattering" => guided_scattering,
         "ties" => ties,
         "many faces" => many_faces,
         "points over an area" => points_over_an_area,
@@ -592,15 +594,25 @@ fn pupil(bench: &Bench) -> Outcome {
 
 /// Orders of a coated plate by guided rays: T1 T2 (R1 R2)^k after 2 k reflections. Roulette begins at the first face.
 fn guided_plate(bench: &Bench) -> Outcome {
-    plate_by_guide(bench, None)
+    plate_by_guide(bench, None, 0.0)
 }
 
 /// The same, where rays follow the first ghost alone.
 fn guided_ghost(bench: &Bench) -> Outcome {
-    plate_by_guide(bench, Some("reflections == 2"))
+    plate_by_guide(bench, Some("reflections == 2"), 0.0)
 }
 
-fn plate_by_guide(bench: &Bench, filter: Option<&str>) -> Outcome {
+/// A thousandth of the light scatters at either face, as at a mirror: light that a face transmits goes back.
+fn guided_scatterers(bench: &Bench) -> Outcome {
+    plate_by_guide(bench, None, 1e-3)
+}
+
+/// The same, where rays follow light alone that scatters at both faces and does nothing else.
+fn guided_scattering(bench: &Bench) -> Outcome {
+    plate_by_guide(bench, Some("scatterings == 2 and reflections == 0"), 1e-3)
+}
+
+fn plate_by_guide(bench: &Bench, filter: Option<&str>, scattered: f64) -> Outcome {
     const NUM_RAYS: u64 = 40_000;
     let faces = [(0.01, 0.5), (0.002, 0.4)];
     let mut surfaces = vec![
@@ -610,6 +622,9 @@ fn plate_by_guide(bench: &Bench, filter: Option<&str>) -> Outcome {
     for (surface, (r, t)) in surfaces.iter_mut().zip(faces) {
         let coating = SimpleCoating { reflectance: vec![r], transmittance: vec![t] };
         surface.coating = Some(Coating::Simple(coating));
+        if scattered > 0.0 {
+            surface.scatter = Some(Scatter { fraction: scattered, bsdf: Bsdf::Specular(bsdfs::Specular {}) });
+        }
     }
     let mut ir = scene(beam(), surfaces, vec![pixels("through", 10.0)]);
     ir.sampling = Sampling::default();
@@ -629,16 +644,31 @@ fn plate_by_guide(bench: &Bench, filter: Option<&str>) -> Outcome {
     }
     let sums = tally.path_sums.as_ref().ok_or("no table")?;
     let [(r1, t1), (r2, t2)] = faces;
-    for order in if filter.is_some() { 1..2 } else { 0..3 } {
-        let row = sums
-            .rows
-            .iter()
-            .find(|(path, _)| path.end == End::Detector(0) && path.reflections() == 2 * order as usize);
+    let passes = 1.0 - scattered;
+    // Reflections, scatterings, and the light.
+    let ghost = |order: i32| {
+        (2 * order as usize, 0, t1 * t2 * passes.powi(2) * f64::powi(r1 * r2 * passes.powi(2), order))
+    };
+    let scatters_back = (0, 2, t1 * passes * t2 * scattered * t1 * scattered * t2 * passes);
+    let expected = match (filter.is_some(), scattered > 0.0) {
+        (false, false) => vec![ghost(0), ghost(1), ghost(2)],
+        (true, false) => vec![ghost(1)],
+        (false, true) => vec![ghost(0), ghost(1)],
+        (true, true) => vec![scatters_back],
+    };
+    // Rows to which few of the scattered rays come take rays from the others.
+    let most = if scattered > 0.0 { 0.2 } else { 0.05 };
+    for (order, (reflections, scatterings, exact)) in expected.into_iter().enumerate() {
+        let row = sums.rows.iter().find(|(path, _)| {
+            path.end == End::Detector(0)
+                && path.reflections() == reflections
+                && path.scatterings() == scatterings
+                && path.steps.first().is_some_and(|step| step.kind == StepKind::Transmitted)
+        });
         let [flux, error] =
             row.map_or([0.0; 2], |(_, sum)| zoo::sum_and_error(sum, NUM_RAYS).map(|x| x / NUM_RAYS as f64));
-        let exact = t1 * t2 * f64::powi(r1 * r2, order);
         // Where each ray follows the ghost, all weigh the same but for roulette. Squares of the faintest light have few quanta.
-        if (flux - exact).abs() > 5.0 * error.max(1e-6 * exact) || order < 2 && error > 0.05 * exact {
+        if (flux - exact).abs() > 5.0 * error.max(1e-6 * exact) || order < 2 && error > most * exact {
             return Err(format!("order {order} has {flux} +- {error}, not {exact}"));
         }
     }

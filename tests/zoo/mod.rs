@@ -55,13 +55,15 @@ pub fn skip(test: &str, reason: &str) {
     let _ = writeln!(std::io::stderr(), "SKIPPED: {test}: {reason}");
 }
 
-/// A tracer with a change of its shader: one text, which it must have, instead of the other.
+/// A shader with a text changed, which it must have: a test whose planted error changes nothing proves nothing.
+pub fn replaced(wgsl: &str, before: &str, after: &str) -> String {
+    assert!(wgsl.contains(before), "the shader has no `{before}`");
+    wgsl.replace(before, after)
+}
+
+/// A tracer with a text of its shader changed.
 pub fn edited<'a>(ir: &'a SceneIr, options: &impl Asked, before: &str, after: &str) -> Tracer<'a> {
-    let edit = |wgsl: String| {
-        assert!(wgsl.contains(before), "the shader has no `{before}`");
-        wgsl.replace(before, after)
-    };
-    options.tracer_with(gpu(), ir, edit).unwrap()
+    options.tracer_with(gpu(), ir, |wgsl| replaced(&wgsl, before, after)).unwrap()
 }
 
 /// The names of all scenes.

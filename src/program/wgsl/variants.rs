@@ -90,6 +90,7 @@ const SLOTS: &[Slot] = slots! { c;
         (false, true) => to,
         (false, false) => on,
     };
+    "stages/scatter_branch"     [plain]                               !c.f.bsdfs.is_empty() => plain;
     "stages/scattering"         [plain]                               !c.f.bsdfs.is_empty() => plain;
     "scatter_to/lobe"           [mixed]                               c.f.scatters_to => mixed;
     "stages/compact"            [on, none]                            true => either(c.o.has_queue(), on, none);
