@@ -511,7 +511,7 @@ fn a_narrow_beam_is_exported_with_its_lumens() {
     assert!((exported.lumens() / lumens - 1.0).abs() < 1e-9, "{} for {lumens} lm", exported.lumens());
     let remarks = judged(&result, "far", &[]).remarks;
     assert!(
-        remarks.iter().any(|remark| remark.contains("beam_angle_deg is less than five bins")),
+        remarks.iter().any(|remark| remark.contains("beam angle is less than five bins")),
         "{remarks:?}"
     );
 }

@@ -16,12 +16,12 @@ from optiland.nonsequential import NSQScene
 from nsq_gpu.arguments import check_scene
 from nsq_gpu.binary import find_binary
 from nsq_gpu.display import Displayed, Summary, number
-from nsq_gpu.errors import NsqGpuError, NsqGpuWarning, SceneError, TraceTimeoutError, warn, with_partial
+from nsq_gpu.errors import NsqGpuError, NsqGpuWarning, SceneError, TraceTimeoutError, UsageError, warn, with_partial
 from nsq_gpu.export import export, to_json
+from nsq_gpu.export.values import whole_number
 from nsq_gpu.few_rays import FewRays, few_rays, in_table
 from nsq_gpu.process import run
 from nsq_gpu.progress import Progress, Shown
-from nsq_gpu.session import numbers_of_rays
 
 Json = dict[str, Any]
 
@@ -98,8 +98,8 @@ class Difference(Displayed):
 
 
 def diff(a: NSQScene | str | os.PathLike[str], b: NSQScene | str | os.PathLike[str], num_rays: int, *, seed: int = 0,
-         max_depth: int = 16, precision: str = "auto", sampler: str = "pcg", where: str | None = None,
-         adapter: str | None = None, binary: str | os.PathLike[str] | None = None, timeout: float | None = None,
+         max_depth: int | None = None, precision: str = "auto", sampler: str = "pcg", where: str | None = None,
+         guide: bool = False, adapter: str | None = None, binary: str | os.PathLike[str] | None = None, timeout: float | None = None,
          progress: Progress = None) -> Difference:
     """Trace two scenes by the same draws; return A - B with standard errors of its own.
 
@@ -114,10 +114,12 @@ def diff(a: NSQScene | str | os.PathLike[str], b: NSQScene | str | os.PathLike[s
         b: Scene B, or its file: sources of the same names, and a detector of a name that A has as well.
         num_rays: Rays of each scene.
         seed: Seed of the draws.
-        max_depth: Largest number of events of a ray.
+        max_depth: Largest number of events of a ray. None takes as many as the scene needs, by the number of its surfaces; with a
+            guide four times as many, so that ghosts arrive.
         precision: As in :class:`nsq_gpu.NsqGpuBackend`.
         sampler: ``"pcg"`` or ``"sobol"``; with the latter, lines of the ledger have no errors.
         where: Keeps on detectors the light whose path matches: ``"reflections == 2"``.
+        guide: True guides the rays of both scenes to rare light, such as the ghosts of coated lenses.
         adapter: A part of the adapter's name.
         binary: Path of the program.
         timeout: Longest time [s].
@@ -128,14 +130,17 @@ def diff(a: NSQScene | str | os.PathLike[str], b: NSQScene | str | os.PathLike[s
         Interrupted: Ctrl-C ended the traces; ``partial`` is the difference of the rays that both scenes had traced. So it
             is with TraceTimeoutError.
     """
+    if guide not in (True, False):
+        raise UsageError(f"guide is {guide!r}; give True or False")
     program = find_binary(binary)
     with tempfile.TemporaryDirectory(prefix="nsq-gpu-") as name:
         folder = Path(name)
         files = [_file(scene, folder, side) for side, scene in (("A", a), ("B", b))]
-        numbers = {name.replace("_", "-"): value for name, value in numbers_of_rays(num_rays, seed, max_depth).items()}
-        options = {**numbers, "precision": precision, "sampler": sampler, "where": where, "adapter": adapter}
+        options = {"num-rays": whole_number("num_rays", num_rays), "seed": whole_number("seed", seed),
+                   "max-depth": None if max_depth is None else whole_number("max_depth", max_depth),
+                   "precision": precision, "sampler": sampler, "where": where, "adapter": adapter}
         command = [program, "diff", *files, *(f"--{key}={value}" for key, value in options.items() if value is not None),
-                   f"--output={folder / 'out'}", "--no-pictures", "--watch-stdin"]
+                   *["--guide"] * guide, f"--output={folder / 'out'}", "--no-pictures", "--watch-stdin"]
         try:
             with Shown(progress) as shown:
                 run([*command, f"--progress={shown.mode}"], timeout, shown, keeps=True)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from optiland.nonsequential import LensConfig, NSQScene
+from optiland.coatings import SimpleCoating
+from optiland.nonsequential import LensConfig, NSQScene, SurfaceConfig
 from optiland.nonsequential.backends import NumpyBackend
 from optiland.nonsequential.detectors.configs import IrradianceDetectorConfig, RayDatabaseConfig
 from optiland.nonsequential.sources.configs import CollimatedSourceConfig
@@ -52,6 +53,22 @@ def test_a_scene_less_itself_is_nothing() -> None:
 def test_points_have_errors_of_what_is_detected() -> None:
     found = nsq_gpu.diff(singlet(60.0), singlet(62.0), NUM_RAYS, sampler="sobol", binary=live.binary())
     assert found.detectors["image"].standard_error > 0 and np.isnan(found.totals["escaped"].standard_error)
+
+
+def test_ghosts_of_another_coating_are_compared_by_guided_rays() -> None:
+    def lens(reflectance: float) -> NSQScene:
+        scene = NSQScene()
+        scene.add_source("beam", cs(z=-20.0), CollimatedSourceConfig(live.two_lines(), aperture_radius=8.0))
+        face = SurfaceConfig(coating=SimpleCoating(1.0 - reflectance, reflectance))
+        scene.add_lens("L", cs(), LensConfig(60.0, -60.0, 5.0, glass(), 10.0, front=face, back=face))
+        scene.add_detector("image", cs(z=55.0), IrradianceDetectorConfig(40.0, 40.0, 16, 16))
+        return scene
+
+    found = nsq_gpu.diff(lens(0.004), lens(0.002), NUM_RAYS, where="reflections == 2", guide=True, binary=live.binary())
+    image = found.detectors["image"]
+    assert image.a / image.b == pytest.approx(4.0 * (0.996 / 0.998)**2, rel=2e-3) and image.standard_error < 0.02 * image.difference
+    with pytest.raises(nsq_gpu.UsageError, match="guide is 'on'; give True or False"):
+        nsq_gpu.diff(lens(0.004), lens(0.002), 100, guide="on")  # type: ignore[arg-type]
 
 
 def test_scenes_of_other_sources_are_refused() -> None:

@@ -77,7 +77,8 @@ DERIVATIVES = {
     "precision": ("f32", lambda header: header["options"]["precision"]),
 }
 #: The same of a difference, whose command has it.
-DIFFERENCE = {"where": "reflections == 2", "seed": 7, "max_depth": 9, "precision": "f32", "sampler": "sobol", "progress": True}
+DIFFERENCE = {"where": "reflections == 2", "seed": 7, "max_depth": 9, "precision": "f32", "sampler": "sobol", "progress": True,
+              "guide": True}
 
 
 @pytest.mark.parametrize("name", ["jacobian", "loss_gradient"])
@@ -94,7 +95,8 @@ def test_a_difference_hands_on_each_keyword(told: Callable[..., Any]) -> None:
     assert keywords(nsq_gpu.diff) == set(DIFFERENCE), "each keyword has a line"
     for keyword, value in DIFFERENCE.items():
         command = told(lambda: nsq_gpu.diff(scene(), scene(), 1000, binary=live.binary(), **{keyword: value}))
-        expected = "--progress=json" if keyword == "progress" else f"--{keyword.replace('_', '-')}={value}"
+        flags = {"progress": "--progress=json", "guide": "--guide"}
+        expected = flags.get(keyword, f"--{keyword.replace('_', '-')}={value}")
         assert expected in command, keyword
 
 

@@ -357,6 +357,15 @@ impl TraceArgs {
         given.into_iter().find_map(|(name, is_given)| is_given.then_some(name))
     }
 
+    /// Leaves options out of the help of a command that refuses them: of a trace alone, but for `kept`.
+    pub(crate) fn without_those_of_one_trace(arg: clap::Arg, kept: &[&str]) -> clap::Arg {
+        const REFUSED: [&str; 7] =
+            ["target_error", "time_limit", "first_ray", "of_rays", "paths", "standard_error", "guide_to"];
+        let id = arg.get_id().as_str();
+        let is_refused = REFUSED.contains(&id) && !kept.contains(&id);
+        if is_refused { arg.hide(true) } else { arg }
+    }
+
     /// Refuses the file of a guide where none is written. `of` says what writes none.
     pub(crate) fn refuse_guide_to(&self, of: &str) -> Result<()> {
         match self.guide_to {

@@ -20,8 +20,8 @@ pub const NO_NODE: u32 = 0;
 /// Words of a node at a face.
 pub const WORDS: usize = 5;
 
-/// The mark of a node that does not guide at a face: in the word of the node after a reflection, that faces have their own
-/// probability of a reflection, and in the word of the node after scattering through, of scattering.
+/// The mark of a node that does not guide at a face. Beside the node after a reflection it means reflections, and beside the
+/// node after scattering through it means scattering.
 pub const IS_PLAIN: u32 = 1 << 31;
 
 /// Most words of a table: 64 MiB.

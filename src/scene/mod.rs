@@ -180,7 +180,8 @@ impl Scene {
         let media = media::resolve(&file, &wavelengths, &mut warnings)?;
         let meshes = meshes.meshes;
         warnings.extend(warnings::of(&file, &surfaces, &meshes, &media, &wavelengths));
-        let (f32_warnings, folder) = (warnings::of_f32(&surfaces), folder.to_owned());
+        let warnings = warnings::grouped(warnings);
+        let (f32_warnings, folder) = (warnings::grouped(warnings::of_f32(&surfaces)), folder.to_owned());
         Ok(Scene {
             file,
             warnings,

@@ -34,6 +34,32 @@ pub(super) fn of_f32(surfaces: &[SceneSurface]) -> Vec<String> {
     surfaces.iter().filter_map(terms_beyond_f32).collect()
 }
 
+/// The same warning of several things is one, with their names: a lens may have ten faces of one roughness.
+pub(super) fn grouped(warnings: Vec<String>) -> Vec<String> {
+    let mut groups: Vec<(String, Vec<String>)> = Vec::new();
+    let mut by_rest: HashMap<String, usize> = HashMap::new();
+    for warning in warnings {
+        let parts: Vec<&str> = warning.splitn(3, '"').collect();
+        let [before, name, after] = parts[..] else {
+            groups.push((warning, Vec::new()));
+            continue;
+        };
+        let rest = format!("{before}\"\"{after}");
+        match by_rest.get(&rest) {
+            Some(&group) => groups[group].1.push(format!("\"{name}\"")),
+            None => {
+                by_rest.insert(rest, groups.len());
+                groups.push((warning, Vec::new()));
+            }
+        }
+    }
+    let text = |(first, others): (String, Vec<String>)| match others.is_empty() {
+        true => first,
+        false => format!("{first}; the same holds for {}", listed(&others)),
+    };
+    groups.into_iter().map(text).collect()
+}
+
 // Scattering
 
 fn of_bsdf(surface: &SceneSurface) -> Option<String> {
@@ -137,7 +163,7 @@ fn metal(surface: &SceneSurface, media: &MediaTable) -> Option<String> {
         (right - by_n > OFF).then(|| {
             let metal = if k2 > k1 { back } else { front };
             format!(
-                "{} reflects {} % at normal incidence, for a refractive face takes the index n of {} alone; with its k of {} the                  face would reflect {} %: make it a mirror of that reflectance, or give it a coating",
+                "{} reflects {} % at normal incidence, for a refractive face takes the index n of {} alone; with its k of {} the face would reflect {} %: make it a mirror of that reflectance, or give it a coating",
                 quoted(&surface.name),
                 significant(100.0 * by_n, 3),
                 quoted(&metal.name),
@@ -150,9 +176,21 @@ fn metal(surface: &SceneSurface, media: &MediaTable) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
+    use super::grouped;
     use crate::Scene;
     use crate::model::Precision;
     use serde_json::json;
+
+    #[test]
+    fn the_same_warning_of_several_things_is_one() {
+        let of = |names: &[&str]| -> Vec<String> {
+            names.iter().map(|name| format!("the lobe of \"{name}\" loses 4 %")).collect()
+        };
+        let two = "the lobe of \"a\" loses 4 %; the same holds for \"b\"";
+        assert_eq!(grouped(of(&["a", "b"])), [two]);
+        let others = vec!["\"a\" is open".to_owned(), "no name".to_owned(), "no name".to_owned()];
+        assert_eq!(grouped([of(&["a"]), others.clone()].concat()), [of(&["a"]), others].concat());
+    }
 
     /// Aluminium reflects 92 % by n and k, and 7 % by n.
     #[test]

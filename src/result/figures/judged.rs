@@ -386,21 +386,21 @@ fn remarks(figures: &Figures, coarse: &Field, total: &Total, chose_cells: bool) 
         remarks
             .push("no beam angle: the peak is not known to 10 %, or light does not fall to its half".into());
     }
-    for name in ["beam_angle_deg", "field_angle_deg"] {
+    for (key, name) in [("beam_angle_deg", "beam angle"), ("field_angle_deg", "field angle")] {
         // Maps have no such angles.
-        if figures.whole.get(name).is_some_and(|angle| angle.value < 10.0 * coarse.finest()) {
+        if figures.whole.get(key).is_some_and(|angle| angle.value < 10.0 * coarse.finest()) {
             remarks.push(format!("{name} is less than five bins of the polar angle a side: take finer bins"));
         }
     }
     if !is_far_field {
-        for (name, range, cells) in
-            [("fwhm_x_mm", coarse.x_range, figures.cells[0]), ("fwhm_y_mm", coarse.y_range, figures.cells[1])]
+        for (axis, range, cells) in
+            [("x", coarse.x_range, figures.cells[0]), ("y", coarse.y_range, figures.cells[1])]
         {
             let pitch = (range.1 - range.0) / cells as f64;
-            match figures.whole.get(name) {
+            match figures.whole.get(&format!("fwhm_{axis}_mm")[..]) {
                 Some(width) if width.value < 5.0 * pitch => {
                     remarks.push(format!(
-                        "{name} is less than five cells: trace more rays, or take more pixels"
+                        "fwhm {axis} is less than five cells: trace more rays, or take more pixels"
                     ));
                 }
                 Some(_) | None => {}
