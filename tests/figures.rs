@@ -510,8 +510,5 @@ fn a_narrow_beam_is_exported_with_its_lumens() {
     let exported = lamp_of(&result, found(&result, "far"), true).unwrap();
     assert!((exported.lumens() / lumens - 1.0).abs() < 1e-9, "{} for {lumens} lm", exported.lumens());
     let remarks = judged(&result, "far", &[]).remarks;
-    assert!(
-        remarks.iter().any(|remark| remark.contains("beam angle is less than five bins")),
-        "{remarks:?}"
-    );
+    assert!(remarks.iter().any(|remark| remark.contains("beam angle is less than five bins")), "{remarks:?}");
 }

@@ -15,6 +15,7 @@ use nsq_gpu::guide::Guide;
 use nsq_gpu::guide::learn::Wanted;
 use nsq_gpu::guide::table::PLAIN_SHARE;
 use nsq_gpu::model::bsdfs::{Bsdf, HarveyShack, Scatter, Specular};
+use nsq_gpu::model::scatter_sampling::ScatterSampling;
 use nsq_gpu::model::{Interaction, PathFilter, ReflectProb, SceneIr, Sequence, StepKind};
 use nsq_gpu::paths::rows::{TableOptions, flux_unit, table};
 use nsq_gpu::program::{Precision, Sampler};
@@ -332,6 +333,59 @@ fn light_of_faint_scatterers_is_that_of_the_closed_form() {
     }
 }
 
+/// A scene without a refractive face: the ledger knows what guided weights gain and lose there, too.
+#[test]
+fn mirrors_that_scatter_are_guided() {
+    const NUM_RAYS: u64 = 50_000;
+    let ir = nsq_gpu::Scene::from_json(SCATTERING_MIRROR).unwrap().lower().unwrap();
+    // From a point to a square of half width a, at a distance of 1 (Howell, A catalog of radiation heat transfer
+    // configuration factors, B-3).
+    let a = 20.0_f64 / 60.0;
+    let root = (1.0 + a * a).sqrt();
+    let seen = 4.0 / std::f64::consts::PI * a / root * (a / root).atan();
+    for (filter, precision) in [
+        (None, Precision::F64),
+        (None, Precision::F32),
+        (Some("scatterings == 1"), Precision::F64),
+        (Some("scatterings == 0"), Precision::F64),
+    ] {
+        let filter = filter.map(|text| Arc::new(PathFilter::parse(text, &ir).unwrap()));
+        let options = TraceOptions { path_filter: filter.clone(), ..with_table(NUM_RAYS, 4, precision) };
+        let wanted = Wanted { filter: filter.clone(), ..Wanted::default() };
+        let asked = guided(&ir, &options, NUM_RAYS, &wanted);
+        let tally = zoo::trace(&ir, &asked);
+        ledger_closes(&ir, &asked, &tally, &format!("{precision:?}, {filter:?}"));
+        let sums = tally.path_sums.unwrap();
+        for (path, exact) in [("S > R M > D", 0.9 * 0.999), ("S > SR M > D", 0.9 * 0.001 * seen)] {
+            let row = sums.rows.iter().find(|(sequence, _)| sequence.text(&ir) == path);
+            let Some((sequence, sum)) = row else {
+                assert!(filter.is_some(), "{precision:?}: no light of {path}");
+                continue;
+            };
+            assert!(filter.as_ref().is_none_or(|filter| filter.keeps(sequence)));
+            let [flux, error] = sum_and_error(sum, NUM_RAYS).map(|sum| sum / NUM_RAYS as f64);
+            let score = (flux - exact) / error.max(2e-6 * exact);
+            assert!(
+                score.abs() < 4.0 && error < 0.03 * exact,
+                "{precision:?}, {filter:?}: {path} has {flux} +- {error}, not {exact}"
+            );
+        }
+        assert!(sums.rows.keys().any(|sequence| sequence.end.detector().is_some()), "{filter:?}: no light");
+    }
+}
+
+const SCATTERING_MIRROR: &str = r#"{
+    "nsq_schema_version": 1,
+    "components": [],
+    "sources": [{"type": "collimated", "name": "S", "cs": {}, "spectrum": {"wavelengths": [0.55], "weights": [1.0]},
+        "total_flux": 1.0, "aperture_radius": 0.01}],
+    "detectors": [{"type": "irradiance", "name": "D", "cs": {"z": -10.0}, "width": 40.0, "height": 40.0,
+        "num_pixels_x": 4, "num_pixels_y": 4}],
+    "nsq_gpu": {"version": 1, "surfaces": [
+        {"name": "M", "cs": {"z": 50.0}, "shape": {"type": "plane", "width": 20.0, "height": 20.0},
+            "interaction": "reflective", "reflectance": 0.9, "bsdf": {"type": "lambertian"}, "scatter_fraction": 0.001}]}
+}"#;
+
 /// A coated lens of faces that are a little rough: rows of ghosts and of scattered light have errors alike.
 #[test]
 fn scattered_light_and_ghosts_get_equal_relative_errors() {
@@ -504,6 +558,11 @@ fn what_cannot_be_guided_is_refused() {
     assert!(problem(&other, &asked).contains("--reflect-prob fresnel"));
     other.sampling = nsq_gpu::model::Sampling { split_depth: 3, ..ir.sampling };
     assert!(problem(&other, &asked).contains("--split-depth 0"));
+    let mut rough = scattering_plate(0.1);
+    rough.scatter_sampling =
+        vec![ScatterSampling { prob: Some(0.5), ..Default::default() }; rough.surfaces.len()];
+    let of_plate = TraceOptions { guide: Some(Arc::new(Guide::plain(&rough))), ..asked.clone() };
+    assert!(problem(&rough, &of_plate).contains("scatter_prob; leave one of them out"));
     assert!(
         problem(&ir, &TraceOptions { collect: Collect::Adjoints, ..asked.clone() }).contains("derivatives")
     );

@@ -114,12 +114,12 @@ def diff(a: NSQScene | str | os.PathLike[str], b: NSQScene | str | os.PathLike[s
         b: Scene B, or its file: sources of the same names, and a detector of a name that A has as well.
         num_rays: Rays of each scene.
         seed: Seed of the draws.
-        max_depth: Largest number of events of a ray. None takes as many as the scene needs, by the number of its surfaces; with a
-            guide four times as many, so that ghosts arrive.
+        max_depth: Largest number of events of a ray. None takes what the scene needs: two for each surface that does not
+            absorb, with a guide four, and at least 16.
         precision: As in :class:`nsq_gpu.NsqGpuBackend`.
         sampler: ``"pcg"`` or ``"sobol"``; with the latter, lines of the ledger have no errors.
         where: Keeps on detectors the light whose path matches: ``"reflections == 2"``.
-        guide: True guides the rays of both scenes to rare light, such as the ghosts of coated lenses.
+        guide: True guides the rays of both scenes to rare light: ghosts of coated lenses, and what faint scatterers send.
         adapter: A part of the adapter's name.
         binary: Path of the program.
         timeout: Longest time [s].
@@ -130,7 +130,7 @@ def diff(a: NSQScene | str | os.PathLike[str], b: NSQScene | str | os.PathLike[s
         Interrupted: Ctrl-C ended the traces; ``partial`` is the difference of the rays that both scenes had traced. So it
             is with TraceTimeoutError.
     """
-    if guide not in (True, False):
+    if not isinstance(guide, bool):
         raise UsageError(f"guide is {guide!r}; give True or False")
     program = find_binary(binary)
     with tempfile.TemporaryDirectory(prefix="nsq-gpu-") as name:

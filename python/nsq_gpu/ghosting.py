@@ -118,7 +118,8 @@ def ghosts(optic_or_scene: Optic | NSQScene | Mapping[str, Any] | str | os.PathL
 
 def _arguments(options: Mapping[str, Any], guide: bool, scene: NSQScene) -> list[str]:
     """Return options of the command. Where nothing says how the scene is sampled, rays are guided, or else split."""
-    is_free = options["split-depth"] is None and getattr(scene, "sampling_policy", None) in (None, SamplingPolicy())
+    is_free = (options["split-depth"] is None and getattr(scene, "sampling_policy", None) in (None, SamplingPolicy())
+               and getattr(scene, "scatter_prob", None) is None)
     is_guided = is_free and guide
     named = {**options, "split-depth": _SPLITS} if is_free and not is_guided else options
     return [*(f"--{key}={value}" for key, value in named.items() if value is not None), *["--guide"] * is_guided]

@@ -59,7 +59,7 @@ fn extend_guide(kind: u32, number: u32) {
     }
 }
 
-// Draws the first of two branches, or the second. Light has the shares `first` and `second`, and guided rays `guided`.
+// Draws the first of two branches, or the second. Nothing is drawn where one has no light. Light has the shares `first` and `second`, and guided rays `guided`.
 fn draw_guided(
     ray: ptr<function, Ray>, bits: u32, first: real, second: real, guided: vec2<f32>, is_plain: bool,
 ) -> bool {

@@ -84,9 +84,9 @@ pub(crate) struct TraceArgs {
     /// "reflections == 2 and not scattered(mount)".
     #[arg(long = "where", value_name = "EXPR")]
     pub(crate) filter: Option<String>,
-    /// Guide rays to rare light, such as the ghosts of coated lenses: to what --where keeps, to one detector in a table of
-    /// paths, or else to all detectors. A pilot learns how. Weights make up for it, so all sums stay right on average. By default a ray then has
-    /// twice as many events.
+    /// Guide rays to rare light, such as the ghosts of coated lenses and what faint scatterers send: to what --where keeps, to
+    /// one detector in a table of paths, or else to all detectors. A pilot learns how. Weights make up for it, so all sums
+    /// stay right on average. By default a ray may then have four events for each surface, and not two.
     #[arg(long, value_enum, default_value_t = GuideArg::Off, default_missing_value = "on", num_args = 0..=1, require_equals = true,
         value_name = "WHEN", conflicts_with = "guide_from")]
     pub(crate) guide: GuideArg,

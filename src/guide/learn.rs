@@ -7,7 +7,7 @@
 
 use crate::error::Result;
 use crate::model::guide::{Choice, Guide, NO_NODE, PLAIN, PLAIN_SHARE, fits};
-use crate::model::sequence::{Sequence, Step, StepKind};
+use crate::model::sequence::{End, Sequence, Step, StepKind};
 use crate::model::{Interaction, PathFilter, SceneIr};
 use crate::result::light_paths::{Group, groups};
 use crate::result::{FluxUnit, Grouping, PathSum, PathTally, QUANTA_PER_WEIGHT, Recoating, Tally};
@@ -108,13 +108,14 @@ pub fn learn(
     Ok(Learned { guide, num_rays: learned, num_rows })
 }
 
-/// How many choices a ray has that does not turn. `None` if every ray turns.
+/// How many choices a ray has that does not turn, on average of those that have some. `None` if there is no such ray.
 fn choices_on_the_way(ir: &SceneIr, sums: &PathTally) -> Option<f64> {
     let straight =
         sums.rows.iter().filter(|(sequence, _)| sequence.reflections() + sequence.scatterings() == 0);
     let (count, num_choices) = straight.fold((0, 0), |(count, num_choices), (sequence, sum)| {
         let of_ray: usize = sequence.steps.iter().map(|step| choices(ir, step.surface)).sum();
-        (count + sum.count, num_choices + sum.count * of_ray as u64)
+        let num_rays = if of_ray > 0 { sum.count } else { 0 };
+        (count + num_rays, num_choices + num_rays * of_ray as u64)
     });
     (count > 0).then(|| num_choices as f64 / count as f64)
 }
@@ -128,8 +129,10 @@ fn refracts(ir: &SceneIr, surface: u32) -> bool {
     ir.surfaces[surface as usize].interaction == Interaction::Refractive
 }
 
+/// True if a surface scatters a part of its light, and not all of it.
 fn scatters(ir: &SceneIr, surface: u32) -> bool {
-    ir.surfaces[surface as usize].scatter.is_some()
+    let scatter = &ir.surfaces[surface as usize].scatter;
+    scatter.as_ref().is_some_and(|scatter| scatter.fraction > 0.0 && scatter.fraction < 1.0)
 }
 
 impl Wanted {
@@ -293,6 +296,46 @@ fn level(rows: &[Row], of_guided: f64) -> f64 {
     high
 }
 
+/// How often the guided rays are to try each target: with no scattering behind them, with one, and so on.
+///
+/// To which side a ray scatters, and what the ray meets next, is chance. So one try is a try for all targets that go on
+/// otherwise after the same scattering. The target that wants most tries says how many there are.
+fn tries(targets: &[Target]) -> Vec<Vec<f64>> {
+    let mut tries: Vec<Vec<f64>> =
+        targets.iter().map(|target| vec![target.share; target.sequence.scatterings() + 1]).collect();
+    let most = tries.iter().map(Vec::len).max().unwrap_or(1) - 1;
+    for number in (0..most).rev() {
+        // By scattering, and by how its light goes on, the tries that are wanted after that scattering.
+        let mut wanted: BTreeMap<_, BTreeMap<_, f64>> = BTreeMap::new();
+        let scattering = |sequence| scattering_of(sequence, number);
+        for (target, tries) in targets.iter().zip(&tries) {
+            if let Some((before, after)) = scattering(target.sequence) {
+                *wanted.entry(before).or_default().entry(after).or_default() += tries[number + 1];
+            }
+        }
+        for (target, tries) in targets.iter().zip(&mut tries) {
+            let goes_on = scattering(target.sequence).and_then(|(before, _)| wanted.get(&before));
+            if let Some(goes_on) = goes_on {
+                let (most, sum) =
+                    goes_on.values().fold((0.0_f64, 0.0), |(most, sum), &n| (most.max(n), sum + n));
+                tries[number] = tries[number + 1] * most / sum;
+            }
+        }
+    }
+    tries
+}
+
+/// What a ray does up to a scattering, and where; to which side the ray then goes, and what it meets or where it ends.
+type Scattering<'a> = ((u32, &'a [Step], u32), (StepKind, std::result::Result<u32, End>));
+
+/// The scattering of a sequence that has so many before it.
+fn scattering_of(sequence: &Sequence, number: usize) -> Option<Scattering<'_>> {
+    let places = (0..).zip(&sequence.steps).filter(|(_, step)| step.kind.is_scattered());
+    let (place, step) = places.skip(number).next()?;
+    let next = sequence.steps.get(place + 1).map_or(Err(sequence.end), |next| Ok(next.surface));
+    Some(((sequence.source, &sequence.steps[..place], step.surface), (step.kind, next)))
+}
+
 /// The probability with which guided rays try to take a sequence.
 fn likelihood(guide: &Guide, ir: &SceneIr, sequence: &Sequence) -> f64 {
     let (mut node, mut likelihood) = (Guide::first_node(sequence.source), 1.0);
@@ -365,26 +408,32 @@ impl Tree {
 
     fn of(ir: &SceneIr, targets: &[Target]) -> Self {
         let mut tree = Tree::new(ir);
-        for target in targets {
+        for (target, tries) in targets.iter().zip(tries(targets)) {
             if !fits(tree.nodes.len() + target.sequence.steps.len() + MOST_EXPLORED, ir) {
                 break;
             }
-            tree.add(ir, target);
+            tree.add(ir, target.sequence, &tries);
         }
         tree
     }
 
-    fn add(&mut self, ir: &SceneIr, target: &Target) {
+    /// Adds a sequence that is to be tried so often, by the scatterings that lie behind the ray.
+    fn add(&mut self, ir: &SceneIr, sequence: &Sequence, tries: &[f64]) {
         self.num_targets += 1;
-        let mut at = Guide::first_node(target.sequence.source) as usize;
-        for step in &target.sequence.steps {
+        let mut at = Guide::first_node(sequence.source) as usize;
+        let mut tries = tries.iter();
+        let mut share = tries.next().copied().unwrap_or(0.0);
+        for step in &sequence.steps {
             if choices(ir, step.surface) > 0 {
                 let shares = self.nodes[at].faces.entry(step.surface).or_default();
                 match step.kind {
-                    StepKind::Transmitted => shares.transmitted += target.share,
-                    StepKind::Reflected => shares.reflected += target.share,
-                    StepKind::ScatteredThrough | StepKind::ScatteredBack => shares.scattered += target.share,
+                    StepKind::Transmitted => shares.transmitted += share,
+                    StepKind::Reflected => shares.reflected += share,
+                    StepKind::ScatteredThrough | StepKind::ScatteredBack => shares.scattered += share,
                 }
+            }
+            if step.kind.is_scattered() {
+                share = tries.next().copied().unwrap_or(share);
             }
             if step.kind == StepKind::Transmitted {
                 continue;

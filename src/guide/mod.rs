@@ -82,6 +82,11 @@ pub fn check(ir: &SceneIr, options: &TraceOptions) -> Result<()> {
             "a guide chooses the probability of each reflection, and so does reflect_prob; leave one of them out (--reflect-prob fresnel)",
         );
     }
+    if ir.scatter_sampling.iter().any(|sampling| sampling.prob.is_some()) {
+        return usage(
+            "a guide chooses the probability of scattering, and so does scatter_prob; leave one of them out (of the scene, or --scatter-prob)",
+        );
+    }
     if splits(ir) {
         return usage(
             "a guide chooses one branch of two, and split_depth follows both; leave one of them out (--split-depth 0)",

@@ -139,10 +139,11 @@ impl Features {
         }
     }
 
-    /// The same where an addition draws branches, if it does.
+    /// The same where an addition draws branches and scattering, if it does.
     #[must_use]
     pub fn with_branches_drawn(self, by_addition: bool) -> Self {
-        let importance = self.importance || by_addition && self.refractive;
+        let has_choices = self.refractive || !self.bsdfs.is_empty();
+        let importance = self.importance || by_addition && has_choices;
         let keeps_weight = self.keeps_weight && !importance;
         Features { importance, keeps_weight, whole_weights: self.whole_weights && keeps_weight, ..self }
     }

@@ -46,6 +46,7 @@ pub(super) fn grouped(warnings: Vec<String>) -> Vec<String> {
         };
         let rest = format!("{before}\"\"{after}");
         match by_rest.get(&rest) {
+            Some(&group) if groups[group].0 == warning => {}
             Some(&group) => groups[group].1.push(format!("\"{name}\"")),
             None => {
                 by_rest.insert(rest, groups.len());
