@@ -294,7 +294,8 @@ fn light_of_faint_scatterers_is_that_of_the_closed_form() {
     let ir = scattering_plate(FRACTION);
     for precision in [Precision::F32, Precision::F64, Precision::Df64] {
         // Which light is kept, by how often it reflects and scatters.
-        let filters: [(Option<&str>, fn(usize, usize) -> bool); 3] = [
+        type Keeps = fn(usize, usize) -> bool;
+        let filters: [(Option<&str>, Keeps); 3] = [
             (None, |_, _| true),
             (Some("scatterings == 1"), |_, scatterings| scatterings == 1),
             (Some("reflections == 2 or scatterings == 2"), |reflections, scatterings| {

@@ -330,8 +330,8 @@ type Scattering<'a> = ((u32, &'a [Step], u32), (StepKind, std::result::Result<u3
 
 /// The scattering of a sequence that has so many before it.
 fn scattering_of(sequence: &Sequence, number: usize) -> Option<Scattering<'_>> {
-    let places = (0..).zip(&sequence.steps).filter(|(_, step)| step.kind.is_scattered());
-    let (place, step) = places.skip(number).next()?;
+    let mut places = (0..).zip(&sequence.steps).filter(|(_, step)| step.kind.is_scattered());
+    let (place, step) = places.nth(number)?;
     let next = sequence.steps.get(place + 1).map_or(Err(sequence.end), |next| Ok(next.surface));
     Some(((sequence.source, &sequence.steps[..place], step.surface), (step.kind, next)))
 }
