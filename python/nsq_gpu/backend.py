@@ -88,8 +88,8 @@ class NsqGpuBackend(TracerBackend):
             hit(mount)"``. Detectors then hold this light alone. The ledger is of all light, with a line
             ``filtered_out``.
         guide: True guides rays to rare light, such as the ghosts of coated lenses and what faint scatterers send: to the light of
-            ``where``, or else of all detectors. A pilot learns how, and weights make up for it: all sums stay right on average. Where nobody asks for more than 16
-            events, a ray has 4 for each face. Gradients take plain rays.
+            ``where``, or else of all detectors. A pilot learns how, and weights make up for it: all sums stay right on average.
+            Where nobody asks for more than 16 events, a ray has 4 for each face. Gradients take plain rays.
         photometric: True says results in lumens, lux and candela as well, for any spectrum, and False does not. None does where
             a source says its flux in lumens, or its intensity in candela. Watts are the same. Pixels then take memory for each
             wavelength.

@@ -35,17 +35,20 @@ fn may_match_after(kind: u32, number: u32) -> bool {
     return may;
 }
 
+fn may_match_scattered(face: u32) -> bool {
+    return may_match_after(SCATTERED_THROUGH, face) || may_match_after(SCATTERED_BACK, face);
+}
+
 // Whether the light of a ray that scatters here may still be kept, and of one that does not.
 fn scattering_that_may_match(face: u32, reflects: bool) -> vec2<bool> {
-    let scattered = may_match_after(SCATTERED_THROUGH, face) || may_match_after(SCATTERED_BACK, face);
+    let scattered = may_match_scattered(face);
     return vec2<bool>(scattered, may_match_after(select(TRANSMITTED, REFLECTED, reflects), face));
 }
 
 // Whether the light of the reflected and of the transmitted branch may still be kept. A surface that scatters turns either
 // branch to either side.
 fn branches_that_may_match(face: u32) -> vec2<bool> {
-    let scattered = may_scatter(face)
-        && (may_match_after(SCATTERED_THROUGH, face) || may_match_after(SCATTERED_BACK, face));
+    let scattered = may_scatter(face) && may_match_scattered(face);
     return vec2<bool>(
         scattered || may_match_after(REFLECTED, face),
         scattered || may_match_after(TRANSMITTED, face),

@@ -59,7 +59,8 @@ fn extend_guide(kind: u32, number: u32) {
     }
 }
 
-// Draws the first of two branches, or the second. Nothing is drawn where one has no light. Light has the shares `first` and `second`, and guided rays `guided`.
+// Draws the first of two branches, or the second. Nothing is drawn where one has no light. Light has the shares `first`
+// and `second`, and guided rays `guided`.
 fn draw_guided(
     ray: ptr<function, Ray>, bits: u32, first: real, second: real, guided: vec2<f32>, is_plain: bool,
 ) -> bool {
@@ -88,9 +89,16 @@ var<private> scattering_of_branch: f32 = -1f;
 fn draw_branch(
     ray: ptr<function, Ray>, bits: u32, reflectance: Share, transmittance: real, total_reflection: bool,
 ) -> bool {
+    branch_reflects = draw_guided_branch(ray, bits, reflectance, transmittance, total_reflection);
+    return branch_reflects;
+}
+
+// Sets `scattering_of_branch`, too.
+fn draw_guided_branch(
+    ray: ptr<function, Ray>, bits: u32, reflectance: Share, transmittance: real, total_reflection: bool,
+) -> bool {
     let choice = guide_choice(path[GUIDE_NODE], (*ray).last);
     scattering_of_branch = choice.scatter;
-    branch_reflects = true;
     if total_reflection {
         return true;
     }
@@ -98,7 +106,6 @@ fn draw_branch(
     let may = branches_that_may_match((*ray).last);
     if may.x != may.y {
         follow_alone(ray, select(transmittance, reflected, may.x));
-        branch_reflects = may.x;
         return may.x;
     }
     let plain = vec2<f32>(f32(reflected), f32(transmittance));
@@ -108,7 +115,6 @@ fn draw_branch(
     let passing = select(vec2<f32>(choice.reflect, 1f - choice.reflect), plain, is_plain);
     let guided = (1f - scattered) * passing + scattered * plain;
     let reflects = draw_guided(ray, bits, reflected, transmittance, guided, is_plain);
-    branch_reflects = reflects;
     if scattered > 0f && !is_plain {
         scattering_of_branch = min(scattered * select(plain.y / guided.y, plain.x / guided.x, reflects), 1f);
     }

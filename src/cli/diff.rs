@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 /// Arguments of `nsq-gpu diff`.
 #[derive(clap::Args)]
 #[command(after_help = "Example: nsq-gpu diff lens.json --set L1.r1=50.5 -n 1e7 -o change")]
-#[command(mut_args(|arg| TraceArgs::without_those_of_one_trace(arg, &[])))]
+#[command(mut_args(|arg| TraceArgs::in_help(arg, &[], &[])))]
 pub struct Args {
     /// Scene A.
     a: PathBuf,

@@ -20,8 +20,7 @@ use std::path::{Path, PathBuf};
 #[command(
     after_help = "Example: nsq-gpu pst telescope.json --angles 0:60:2 --detector image --target-error 10% -n 1e7"
 )]
-#[command(mut_args(|arg| TraceArgs::without_those_of_one_trace(arg, &["target_error"])))]
-#[command(mut_arg("filter", |arg| arg.hide(true)))]
+#[command(mut_args(|arg| TraceArgs::in_help(arg, &["target-error"], &["where"])))]
 pub struct Args {
     /// The scene file.
     scene: PathBuf,

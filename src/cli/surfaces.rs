@@ -19,8 +19,7 @@ use std::path::PathBuf;
 /// Arguments of `nsq-gpu surfaces`.
 #[derive(clap::Args)]
 #[command(after_help = "Example: nsq-gpu surfaces telescope.json --detector image -n 1e6")]
-#[command(mut_args(|arg| TraceArgs::without_those_of_one_trace(arg, &[])))]
-#[command(mut_arg("filter", |arg| arg.hide(true)))]
+#[command(mut_args(|arg| TraceArgs::in_help(arg, &[], &["where"])))]
 pub struct Args {
     /// The scene file.
     scene: PathBuf,

@@ -17,6 +17,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
+/// Options of one trace, which commands of several refuse.
+const OF_ONE_TRACE: [&str; 6] =
+    ["target-error", "time-limit", "first-ray", "of-rays", "paths", "standard-error"];
+
 /// What is traced, how precisely, and when the trace stops.
 #[derive(Debug, Clone, clap::Args)]
 pub(crate) struct TraceArgs {
@@ -347,23 +351,23 @@ impl TraceArgs {
     /// that trace several times refuse what they cannot hand on.
     pub(crate) fn of_one_trace(&self) -> Option<&'static str> {
         let given = [
-            ("target-error", self.target_error.is_some()),
-            ("time-limit", self.time_limit.is_some()),
-            ("first-ray", self.first_ray.is_some()),
-            ("of-rays", self.of_rays.is_some()),
-            ("paths", self.paths == PathsArg::On),
-            ("standard-error", self.standard_error == StandardErrorArg::On),
+            self.target_error.is_some(),
+            self.time_limit.is_some(),
+            self.first_ray.is_some(),
+            self.of_rays.is_some(),
+            self.paths == PathsArg::On,
+            self.standard_error == StandardErrorArg::On,
         ];
-        given.into_iter().find_map(|(name, is_given)| is_given.then_some(name))
+        OF_ONE_TRACE.into_iter().zip(given).find_map(|(name, is_given)| is_given.then_some(name))
     }
 
-    /// Leaves options out of the help of a command that refuses them: of a trace alone, but for `kept`.
-    pub(crate) fn without_those_of_one_trace(arg: clap::Arg, kept: &[&str]) -> clap::Arg {
-        const REFUSED: [&str; 7] =
-            ["target_error", "time_limit", "first_ray", "of_rays", "paths", "standard_error", "guide_to"];
-        let id = arg.get_id().as_str();
-        let is_refused = REFUSED.contains(&id) && !kept.contains(&id);
-        if is_refused { arg.hide(true) } else { arg }
+    /// Leaves options that a command refuses out of its help: those of one trace but for `kept`, --guide-to, and `refused`.
+    pub(crate) fn in_help(arg: clap::Arg, kept: &[&str], refused: &[&str]) -> clap::Arg {
+        let is_hidden = arg.get_long().is_some_and(|name| {
+            let is_of_one_trace = OF_ONE_TRACE.contains(&name) && !kept.contains(&name);
+            is_of_one_trace || name == "guide-to" || refused.contains(&name)
+        });
+        if is_hidden { arg.hide(true) } else { arg }
     }
 
     /// Refuses the file of a guide where none is written. `of` says what writes none.

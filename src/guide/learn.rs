@@ -6,6 +6,7 @@
 //! share. Some scatter next, and the ray scatters with their share.
 
 use crate::error::Result;
+use crate::model::bsdfs::Scatter;
 use crate::model::guide::{Choice, Guide, NO_NODE, PLAIN, PLAIN_SHARE, fits};
 use crate::model::sequence::{End, Sequence, Step, StepKind};
 use crate::model::{Interaction, PathFilter, SceneIr};
@@ -131,8 +132,7 @@ fn refracts(ir: &SceneIr, surface: u32) -> bool {
 
 /// True if a surface scatters a part of its light, and not all of it.
 fn scatters(ir: &SceneIr, surface: u32) -> bool {
-    let scatter = &ir.surfaces[surface as usize].scatter;
-    scatter.as_ref().is_some_and(|scatter| scatter.fraction > 0.0 && scatter.fraction < 1.0)
+    ir.surfaces[surface as usize].scatter.as_ref().is_some_and(Scatter::is_of_a_part)
 }
 
 impl Wanted {
@@ -421,9 +421,9 @@ impl Tree {
     fn add(&mut self, ir: &SceneIr, sequence: &Sequence, tries: &[f64]) {
         self.num_targets += 1;
         let mut at = Guide::first_node(sequence.source) as usize;
-        let mut tries = tries.iter();
-        let mut share = tries.next().copied().unwrap_or(0.0);
+        let mut scatterings = 0;
         for step in &sequence.steps {
+            let share = tries[scatterings];
             if choices(ir, step.surface) > 0 {
                 let shares = self.nodes[at].faces.entry(step.surface).or_default();
                 match step.kind {
@@ -432,9 +432,7 @@ impl Tree {
                     StepKind::ScatteredThrough | StepKind::ScatteredBack => shares.scattered += share,
                 }
             }
-            if step.kind.is_scattered() {
-                share = tries.next().copied().unwrap_or(share);
-            }
+            scatterings += usize::from(step.kind.is_scattered());
             if step.kind == StepKind::Transmitted {
                 continue;
             }

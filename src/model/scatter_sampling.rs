@@ -126,8 +126,8 @@ pub fn resolve(
             return refusal("scatter_prob", problem, "give a number between 0 and 1, such as 0.5");
         }
         let of_all = name.is_none();
-        let has_some = |scatter: &Scatter| scatter.fraction > 0.0 && scatter.fraction < 1.0;
-        if of_all && !ir.surfaces.iter().filter_map(|surface| surface.scatter.as_ref()).any(has_some) {
+        let scatters = || ir.surfaces.iter().filter_map(|surface| surface.scatter.as_ref());
+        if of_all && !scatters().any(Scatter::is_of_a_part) {
             let problem = "no surface scatters a part of its light".into();
             return refusal(
                 "scatter_prob",
@@ -136,11 +136,12 @@ pub fn resolve(
             );
         }
         for surface in surfaces(ir, name.as_deref().unwrap_or("*"), "scatter_prob", of_all)? {
-            let fraction = scatter_of(ir, surface).map_or(0.0, |scatter| scatter.fraction);
-            if fraction > 0.0 && fraction < 1.0 {
+            let scatter = scatter_of(ir, surface);
+            if scatter.is_some_and(Scatter::is_of_a_part) {
                 found[surface].prob = Some(*prob);
             } else if !of_all {
-                let (name, share) = (ir.surface_name(surface), if fraction > 0.0 { "all" } else { "none" });
+                let scatters_all = scatter.is_some_and(|scatter| scatter.fraction > 0.0);
+                let (name, share) = (ir.surface_name(surface), if scatters_all { "all" } else { "none" });
                 let problem =
                     format!("{} scatters {share} of its light, so nothing is drawn there", ticked(&name));
                 return refusal("scatter_prob", problem, "leave it out");

@@ -62,6 +62,13 @@ pub struct Scatter {
     pub bsdf: Bsdf,
 }
 
+impl Scatter {
+    /// True if some rays are scattered and others are not, so that scattering is drawn.
+    pub fn is_of_a_part(&self) -> bool {
+        self.fraction > 0.0 && self.fraction < 1.0
+    }
+}
+
 /// What the shaders have of a BSDF.
 #[derive(Debug)]
 pub struct BsdfWgsl {
