@@ -361,7 +361,7 @@ impl TraceArgs {
         OF_ONE_TRACE.into_iter().zip(given).find_map(|(name, is_given)| is_given.then_some(name))
     }
 
-    /// Leaves options that a command refuses out of its help: those of one trace but for `kept`, --guide-to, and `refused`.
+    /// Leaves options that a command refuses out of its help: options of one trace but for `kept`, --guide-to, and `refused`.
     pub(crate) fn in_help(arg: clap::Arg, kept: &[&str], refused: &[&str]) -> clap::Arg {
         let is_hidden = arg.get_long().is_some_and(|name| {
             let is_of_one_trace = OF_ONE_TRACE.contains(&name) && !kept.contains(&name);
