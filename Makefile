@@ -116,10 +116,9 @@ test-rust: adapter rust-components display
 	@$(PART) "Rust tests, built" 300 cargo test --no-run
 	@$(PART) "Rust tests" 1200 env RUST_TEST_THREADS="$${RUST_TEST_THREADS:-$(TEST_THREADS)}" $(RUST_TESTS)
 
-# Without the CPU backend: the plain loop alone. With the viewer, so that dependencies are those of all other tests. Our own
-# code is not optimised there: compiling it takes longer than running it.
+# Without the CPU backend: the plain loop alone. With the viewer, so that dependencies are those of all other tests.
 test-plain: adapter
-	cargo test --config 'profile.dev.package.nsq-gpu.opt-level=0' -p nsq-gpu --no-default-features --features viewer --test plain
+	cargo test -p nsq-gpu --no-default-features --features viewer --test plain
 
 # Without the viewer, too: other dependencies, which are checked anew.
 test-bare:

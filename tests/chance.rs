@@ -36,7 +36,7 @@ fn z(a: &[f64], b: &[f64]) -> f64 {
 /// The flux of every detector, in independent runs.
 fn fluxes(ir: &SceneIr, num_rays: u64, seeds: std::ops::Range<u64>) -> Vec<Vec<f64>> {
     let options = zoo::options(num_rays, 0, Precision::F64);
-    let mut tracer = Tracer::new(zoo::gpu(), ir, &options).unwrap();
+    let mut tracer = zoo::tracer(ir, &options).unwrap();
     let runs: Vec<nsq_gpu::TraceResult> =
         zoo::tallies_of(&mut tracer, seeds).map(|tally| zoo::result_of(ir, &options, &tally)).collect();
     let flux_of = |i: usize| runs.iter().map(|run| run.detectors[i].total_flux).collect();
@@ -77,7 +77,7 @@ fn pixels(ir: &SceneIr, num_rays: u64, seeds: std::ops::Range<u64>) -> Vec<Vec<f
             .collect()
     };
     let options = zoo::options(num_rays, 0, Precision::F64);
-    let mut tracer = Tracer::new(zoo::gpu(), ir, &options).unwrap();
+    let mut tracer = zoo::tracer(ir, &options).unwrap();
     let runs: Vec<Vec<f64>> = zoo::tallies_of(&mut tracer, seeds).map(|tally| quanta(&tally)).collect();
     (0..runs[0].len()).map(|pixel| runs.iter().map(|run| run[pixel]).collect()).collect()
 }

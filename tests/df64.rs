@@ -9,7 +9,7 @@ use nsq_gpu::program::Precision;
 use nsq_gpu::program::layout::reals::{literal, put_real};
 use nsq_gpu::program::rewrite::df64;
 use nsq_gpu::result::{DetectorData, Tally};
-use nsq_gpu::{Error, Scene, StandardError, TraceOptions, Tracer};
+use nsq_gpu::{Error, Scene, StandardError, TraceOptions};
 
 /// Mirrors with roulette, absorption, Gaussian beams and splats, scattering, a mesh, split rays, faces in contact.
 const DIVERSE: [&str; 7] = [
@@ -148,7 +148,7 @@ fn a_number_beyond_the_range_of_f32_is_refused() {
 fn no_f64_is_left_in_the_shader() {
     for name in ["filter_stack", "kaleidoscope"] {
         let ir = zoo::load(name);
-        let tracer = Tracer::new(zoo::gpu(), &ir, &zoo::options(10, 0, Precision::Df64)).unwrap();
+        let tracer = zoo::tracer(&ir, &zoo::options(10, 0, Precision::Df64)).unwrap();
         let source = tracer.program().device_wgsl().replace("df64", "");
         assert!(!source.contains("f64"), "{name}");
     }

@@ -84,7 +84,7 @@ fn a_bound_is_right_in_nineteen_traces_of_twenty() {
         ),
     ] {
         let options = TraceOptions { max_depth: 4, ..zoo::options(NUM_RAYS, 0, Precision::F32) };
-        let mut tracer = Tracer::new(zoo::gpu(), &ir, &options).unwrap();
+        let mut tracer = zoo::tracer(&ir, &options).unwrap();
         let (mut num_right, mut num_by_errors, mut num_few) = (0, 0, 0);
         for tally in zoo::tallies_of(&mut tracer, 0..SEEDS) {
             let result = zoo::result_of(&ir, &options, &tally);

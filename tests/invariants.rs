@@ -133,7 +133,7 @@ fn the_first_dispatch_of_a_deep_trace_is_short() {
     let first_pass = |max_depth| {
         let options =
             TraceOptions { num_rays: 100_000, max_depth, precision: Precision::F32, ..Default::default() };
-        let mut tracer = Tracer::new(zoo::gpu(), &ir, &options).unwrap();
+        let mut tracer = zoo::tracer(&ir, &options).unwrap();
         let rays = tracer.trace(|_| false).unwrap().launched.count;
         (rays, tracer.num_submissions())
     };
@@ -498,7 +498,7 @@ fn a_wrong_part_is_noticed() {
 fn sums_of_too_many_parts_are_refused_with_the_numbers() {
     let ir = zoo::load("bench_lens");
     let options = TraceOptions { part_bytes: Some(512), ..zoo::options(1, 0, Precision::F32) };
-    let error = Tracer::new(zoo::gpu(), &ir, &options).err().unwrap().to_string();
+    let error = zoo::tracer(&ir, &options).err().unwrap().to_string();
     let most = zoo::gpu().device.limits().max_storage_buffers_per_shader_stage.to_string();
     for words in ["storage buffers", " bytes of sums", "binds at most", "use fewer pixels", &most] {
         assert!(error.contains(words), "{error}");
@@ -617,7 +617,7 @@ fn a_trace_that_stops_early_is_the_first_rays_of_the_whole() {
     for name in ["nested_media", "kaleidoscope"] {
         let ir = zoo::load(name);
         let options = TraceOptions { batch_size: Some(1000), ..zoo::options(50_000, 11, Precision::F64) };
-        let mut tracer = nsq_gpu::Tracer::new(zoo::gpu(), &ir, &options).unwrap();
+        let mut tracer = zoo::tracer(&ir, &options).unwrap();
         let begun = tracer.trace(|_| false).unwrap();
         assert!(begun.launched.count < options.num_rays, "{name}: the trace stops early");
         assert!(

@@ -617,6 +617,24 @@ fn a_killed_run_leaves_the_old_result_or_the_new_one() {
     }
 }
 
+/// A run looks at a folder while another run makes it.
+#[test]
+fn a_folder_that_another_run_makes_meanwhile_is_no_error() {
+    let place = tempfile::tempdir().unwrap();
+    for round in 0..3000 {
+        let deep = place.path().join(round.to_string());
+        let start = std::sync::Barrier::new(2);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                start.wait();
+                std::fs::create_dir(&deep).unwrap();
+            });
+            start.wait();
+            nsq_gpu::result::output::check_writable(&deep.join("out")).unwrap();
+        });
+    }
+}
+
 #[test]
 fn runs_at_once_into_one_folder_leave_one_result_whole() {
     let folder = tempfile::tempdir().unwrap();

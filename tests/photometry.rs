@@ -135,7 +135,7 @@ fn intervals_hold_as_often_as_they_say() {
     const SEEDS: u64 = 300;
     let ir = keep_apart(&lowered(&room(&json!({"total_flux": 5.0})))).unwrap();
     let options = options(4000, 0);
-    let mut tracer = nsq_gpu::Tracer::new(zoo::gpu(), &ir, &options).unwrap();
+    let mut tracer = zoo::tracer(&ir, &options).unwrap();
     let found: Vec<[[f64; 2]; 2]> = zoo::tallies_of(&mut tracer, 0..SEEDS)
         .map(|tally| {
             let result = result(&ir, &options, &tally);

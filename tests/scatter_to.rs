@@ -192,7 +192,7 @@ fn intervals_hold_as_often_as_they_say() {
     for law in laws() {
         let ir = lowered(&plate(&law, false, &on_purpose()));
         let options = options(4000, 1, Precision::F64);
-        let mut tracer = Tracer::new(zoo::gpu(), &ir, &options).unwrap();
+        let mut tracer = zoo::tracer(&ir, &options).unwrap();
         let found: Vec<TraceResult> = zoo::tallies_of(&mut tracer, 100..100 + SEEDS)
             .map(|tally| zoo::result_of(&ir, &options, &tally))
             .collect();

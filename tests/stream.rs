@@ -14,7 +14,7 @@ use nsq_gpu::program::Precision;
 use nsq_gpu::result::output::write_all;
 use nsq_gpu::result::{DetectorData, Recording, RunInfo};
 use nsq_gpu::run::RecordPaths;
-use nsq_gpu::{TraceOptions, TraceResult, Tracer};
+use nsq_gpu::{TraceOptions, TraceResult};
 
 /// Two databases, both hit, and more than one block of rows in each of them and in the paths.
 const SCENE: &str = "cemented_achromat_auto";
@@ -64,7 +64,7 @@ fn options(num_rays: u64, batch_size: Option<u32>) -> TraceOptions {
 
 /// A trace whose rows go to disk, or stay in the tally.
 fn traced(ir: &SceneIr, options: &TraceOptions, folder: Option<&Path>) -> TraceResult {
-    let mut tracer = Tracer::new(zoo::gpu(), ir, options).unwrap();
+    let mut tracer = zoo::tracer(ir, options).unwrap();
     if let Some(folder) = folder {
         tracer.record_to(|| Recording::in_folder(ir, folder));
     }
@@ -165,7 +165,7 @@ fn an_interrupted_trace_keeps_its_rows() {
     let _alone = alone();
     let ir = zoo::load(SCENE);
     let folder = tempfile::tempdir().unwrap();
-    let mut tracer = Tracer::new(zoo::gpu(), &ir, &options(40_000, Some(500))).unwrap();
+    let mut tracer = zoo::tracer(&ir, &options(40_000, Some(500))).unwrap();
     tracer.record_to(|| Recording::in_folder(&ir, folder.path()));
     let tally = tracer.trace(|done| done < 2000).unwrap();
     assert!(tally.launched.count < 40_000);

@@ -182,7 +182,7 @@ fn reseeded_tracers_draw_what_new_ones_draw() {
         for name in ["bench_lens", "tessar_gaussian_beams"] {
             let ir = zoo::load(name);
             let options = |seed| TraceOptions { sampler, ..zoo::options(3000, seed, Precision::F32) };
-            let mut tracer = Tracer::new(zoo::gpu(), &ir, &options(1)).unwrap();
+            let mut tracer = zoo::tracer(&ir, &options(1)).unwrap();
             let first = tracer.trace(|_| true).unwrap();
             tracer.set_seed((1 << 40) + 7);
             let second = tracer.trace(|_| true).unwrap();

@@ -94,15 +94,13 @@ impl PipelineCache {
 
     /// The module of a text, parsed now if it was not before.
     fn parsed(&self, wgsl: String, precision: Precision, additions: &ShaderAdditions) -> Result<Arc<Parsed>> {
+        if let Some(parsed) = self.used(|shader| shader.parsed.wgsl == wgsl, |shader| shader.parsed.clone()) {
+            return Ok(parsed);
+        }
+        // Unlocked: another trace may compile meanwhile.
+        let parsed = Arc::new(Parsed::of(wgsl, precision, additions)?);
         let mut shaders = self.lock();
-        let shader = match shaders.iter().position(|shader| shader.parsed.wgsl == wgsl) {
-            Some(at) => shaders.remove(at),
-            None => {
-                Shader { parsed: Arc::new(Parsed::of(wgsl, precision, additions)?), stages: [None, None] }
-            }
-        };
-        let parsed = shader.parsed.clone();
-        shaders.push(shader);
+        shaders.push(Shader { parsed: parsed.clone(), stages: [None, None] });
         let surplus = surplus(shaders.iter().map(|shader| shader.parsed.num_bytes()));
         shaders.drain(..surplus);
         Ok(parsed)
@@ -110,15 +108,24 @@ impl PipelineCache {
 
     /// The stages of a program whose additions bring none, compiled now if they were not before.
     fn stages(&self, gpu: &Gpu, program: &Program, strict: bool) -> Result<Arc<Stages>> {
-        let compile = || Stages::new(gpu, program, strict, &ExtraBindings::default()).map(Arc::new);
-        let mut shaders = self.lock();
-        let shader = shaders.iter_mut().find(|shader| Arc::ptr_eq(&shader.parsed, &program.parsed));
-        let Some(shader) = shader else { return compile() };
-        let place = &mut shader.stages[usize::from(strict)];
-        if let Some(stages) = place {
-            return Ok(stages.clone());
+        let is_same = |shader: &Shader| Arc::ptr_eq(&shader.parsed, &program.parsed);
+        let place = usize::from(strict);
+        if let Some(stages) = self.used(is_same, |shader| shader.stages[place].clone()).flatten() {
+            return Ok(stages);
         }
-        Ok(place.insert(compile()?).clone())
+        let stages = Arc::new(Stages::new(gpu, program, strict, &ExtraBindings::default())?);
+        self.used(is_same, |shader| shader.stages[place] = Some(stages.clone()));
+        Ok(stages)
+    }
+
+    /// What is read of, or done to, the shader that is so. It is then the one used last.
+    fn used<T>(&self, is_so: impl Fn(&Shader) -> bool, with: impl FnOnce(&mut Shader) -> T) -> Option<T> {
+        let mut shaders = self.lock();
+        let at = shaders.iter().position(is_so)?;
+        let mut shader = shaders.remove(at);
+        let found = with(&mut shader);
+        shaders.push(shader);
+        Some(found)
     }
 }
 

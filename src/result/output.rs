@@ -159,7 +159,11 @@ impl Target {
                     match fs::metadata(&next) {
                         Ok(found) if found.is_dir() => base = next,
                         Ok(_) => return Err(Error::file(next, "is not a folder")),
-                        Err(error) if error.kind() == io::ErrorKind::NotFound && !placing::exists(&next) => {
+                        // Another run may make it between two looks, and then it is no link. So one look decides, and
+                        // `install` looks again.
+                        Err(error)
+                            if error.kind() == io::ErrorKind::NotFound && next.read_link().is_err() =>
+                        {
                             missing.push(name);
                         }
                         Err(error) => return Err(Error::file(&next, link_problem(&next, &error))),

@@ -1,7 +1,6 @@
 //! Scenes and options that bring in each feature: alone, in pairs, and all at once.
 
 use glam::{DMat3, DVec2, DVec3};
-use nsq_gpu::TraceOptions;
 use nsq_gpu::cpu::path::hot_path::{ProfiledPath, SampledPath};
 use nsq_gpu::cpu::request::CpuRequest;
 use nsq_gpu::derivatives::Derivatives;
@@ -26,11 +25,13 @@ use nsq_gpu::model::{
 };
 use nsq_gpu::paths::followed::FollowedPaths;
 use nsq_gpu::paths::sums::PathSums;
-use nsq_gpu::program::addition::ProgramAddition;
+use nsq_gpu::program::addition::{ProgramAddition, ShaderAdditions};
+use nsq_gpu::program::parsed::Parsed;
 use nsq_gpu::program::rewrite::jvp::{Parameter, Tangents};
 use nsq_gpu::program::{
     PathSampling, Precision, Program, ProgramOptions, Sampler, SecondMoments, SourceFunction,
 };
+use nsq_gpu::{Error, Result, TraceOptions};
 use std::sync::Arc;
 
 /// How a scene is compiled.
@@ -587,19 +588,43 @@ impl Variant {
         (format!("{choice:?}"), variant)
     }
 
-    /// The composed program.
-    pub fn program(&self, tier: Tier) -> Program {
-        let wanted = CpuRequest {
+    fn wanted(&self) -> CpuRequest {
+        CpuRequest {
             deferred_splats: self.deferred_splats,
             side_by_side: true,
             hot_path: self.hot_path.clone(),
             side_traces: self.side_traces.clone(),
+        }
+    }
+
+    /// The composed program.
+    pub fn program(&self, tier: Tier) -> Program {
+        self.program_with(tier, &self.wanted())
+    }
+
+    /// Its text, which is composed and not parsed.
+    pub fn text(&self, tier: Tier) -> String {
+        let mut text = None;
+        let keep = |wgsl, _, _: &_| {
+            text = Some(wgsl);
+            Err(Error::Interrupted)
         };
-        self.program_with(tier, &wanted)
+        let stopped = self.parsed_by(tier, &self.wanted(), keep).err();
+        text.unwrap_or_else(|| panic!("{self:?}: {stopped:?}"))
     }
 
     /// The program with one more addition than those of the variant.
     pub fn program_with(&self, tier: Tier, addition: &dyn ProgramAddition) -> Program {
+        let parse = |wgsl, precision, additions: &_| Parsed::of(wgsl, precision, additions).map(Arc::new);
+        self.parsed_by(tier, addition, parse).unwrap_or_else(|error| panic!("{self:?}: {error}"))
+    }
+
+    fn parsed_by(
+        &self,
+        tier: Tier,
+        addition: &dyn ProgramAddition,
+        parse: impl FnOnce(String, Precision, &ShaderAdditions) -> Result<Arc<Parsed>>,
+    ) -> Result<Program> {
         let follows = self.path_sums != PathSums::None || self.path_filter.is_some();
         let followed = || FollowedPaths::new(self.path_sums, self.path_filter.clone()).guided(self.guided);
         let paths = (follows || self.guided).then(followed);
@@ -634,7 +659,7 @@ impl Variant {
             has_long_loops: false,
             counts_wrong_sides: true,
         };
-        Program::with(&self.ir, options, &additions, 0).unwrap_or_else(|error| panic!("{self:?}: {error}"))
+        Program::parsed_by(&self.ir, options, &additions, 0, parse)
     }
 }
 

@@ -5,7 +5,7 @@ use crate::zoo::forced::{Asked, Forced};
 use nsq_gpu::cpu::Override;
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{FluxUnit, Ledger, Tally};
-use nsq_gpu::{Error, StandardError, TraceOptions, Tracer};
+use nsq_gpu::{Error, StandardError, TraceOptions};
 use std::time::Duration;
 
 /// One source and several; rays that outlive a dispatch; rows for the host.
@@ -24,7 +24,7 @@ fn options(num_rays: u64) -> TraceOptions {
 fn snapshots(name: &str, options: &TraceOptions) -> Vec<Tally> {
     let ir = zoo::load(name);
     let mut snapshots = Vec::new();
-    let mut tracer = Tracer::new(zoo::gpu(), &ir, options).unwrap();
+    let mut tracer = zoo::tracer(&ir, options).unwrap();
     let whole = tracer.go_on(tracer.empty_tally(), |progress| {
         snapshots.push(progress.tally()?.clone());
         assert_eq!(snapshots.last().unwrap().launched.count, progress.done);
@@ -80,7 +80,7 @@ fn a_trace_that_is_taken_up_again_has_the_same_bits() {
         let whole = zoo::trace(&ir, &options);
         for begun in snapshots(name, &options).into_iter().step_by(3) {
             let done = begun.launched.count;
-            let mut tracer = Tracer::new(zoo::gpu(), &ir, &options).unwrap();
+            let mut tracer = zoo::tracer(&ir, &options).unwrap();
             assert!(tracer.go_on(begun, |_| Ok(true)).unwrap() == whole, "{name} from ray {done}");
         }
     }
@@ -131,7 +131,7 @@ fn another_seed_snapshots_and_timed_stages_have_the_same_bits() {
 fn rays_of_another_trace_are_no_beginning() {
     let ir = zoo::load("nested_media");
     let other = zoo::trace(&ir, &TraceOptions { first_ray: 7, ..options(3000) });
-    let mut tracer = Tracer::new(zoo::gpu(), &ir, &options(10_000)).unwrap();
+    let mut tracer = zoo::tracer(&ir, &options(10_000)).unwrap();
     assert!(matches!(tracer.go_on(other, |_| Ok(true)), Err(Error::Usage(_))));
 }
 
@@ -140,7 +140,7 @@ fn a_failure_of_the_caller_ends_the_trace_and_leaves_nothing_behind() {
     let ir = zoo::load("nested_media");
     for standard_error in [StandardError::Off, StandardError::On] {
         let options = TraceOptions { standard_error, ..options(10_000) };
-        let mut tracer = Tracer::new(zoo::gpu(), &ir, &options).unwrap();
+        let mut tracer = zoo::tracer(&ir, &options).unwrap();
         tracer.set_pass_time(Duration::ZERO);
         let mut num_passes = 0;
         let failed = tracer.go_on(tracer.empty_tally(), |_| {
@@ -155,7 +155,7 @@ fn a_failure_of_the_caller_ends_the_trace_and_leaves_nothing_behind() {
 #[test]
 fn a_pass_ends_where_it_is_asked_to() {
     let ir = zoo::load("nested_media");
-    let mut tracer = Tracer::new(zoo::gpu(), &ir, &options(10_000)).unwrap();
+    let mut tracer = zoo::tracer(&ir, &options(10_000)).unwrap();
     let mut seen = Vec::new();
     let whole = tracer.go_on(tracer.empty_tally(), |progress| {
         seen.push(progress.position());
@@ -177,7 +177,7 @@ fn parts_of_a_trace_add_up_to_it() {
         for cut in cuts.windows(2).rev() {
             let part =
                 TraceOptions { first_ray: cut[0], of_rays: Some(num_rays), ..options(cut[1] - cut[0]) };
-            let mut tracer = Tracer::new(zoo::gpu(), &ir, &part).unwrap();
+            let mut tracer = zoo::tracer(&ir, &part).unwrap();
             let part = tracer.trace(|_| true).unwrap();
             assert_eq!(sum.rays.overlap(&part.rays), None);
             sum += &part;
@@ -217,6 +217,6 @@ fn parts_that_cannot_be_are_refused() {
         TraceOptions { first_ray: (1 << 63) - 499, ..options(500) },
         TraceOptions { first_ray: u64::MAX, ..options(500) },
     ] {
-        assert!(matches!(Tracer::new(zoo::gpu(), &ir, &options), Err(Error::Usage(_))));
+        assert!(matches!(zoo::tracer(&ir, &options), Err(Error::Usage(_))));
     }
 }

@@ -7,7 +7,7 @@ use nsq_gpu::result::StoppedBy;
 use nsq_gpu::result::Tally;
 use nsq_gpu::result::uncertainty::worst_relative_error;
 use nsq_gpu::run::stopping::Stopping;
-use nsq_gpu::{StandardError, TraceOptions, Tracer};
+use nsq_gpu::{StandardError, TraceOptions};
 
 /// A trace that was stopped by its target.
 struct Stopped {
@@ -22,7 +22,7 @@ fn options(num_rays: u64, seed: u64) -> TraceOptions {
 
 fn stopped(ir: &SceneIr, target: f64) -> Stopped {
     const MOST: u64 = 50_000_000;
-    let mut tracer = Tracer::new(zoo::gpu(), ir, &options(MOST, 1)).unwrap();
+    let mut tracer = zoo::tracer(ir, &options(MOST, 1)).unwrap();
     let mut stopping = Stopping::new(ir, Some(target), None);
     let (begun, mut promises) = (tracer.empty_tally(), Vec::new());
     stopping.begin(&mut tracer, &begun).unwrap();
@@ -101,7 +101,7 @@ fn a_target_stops_where_the_error_is_what_was_asked() {
         let said = worst_relative_error(&ir, &stopped.tally).unwrap();
         // The looks are 6 % apart, and the error falls by 3 % between two.
         assert!((0.95 * target..=target).contains(&said), "{name}: {said} of {target}");
-        let mut tracer = Tracer::new(zoo::gpu(), &ir, &options(num_rays, 2)).unwrap();
+        let mut tracer = zoo::tracer(&ir, &options(num_rays, 2)).unwrap();
         let tallies: Vec<Tally> = (0..SEEDS)
             .map(|seed| {
                 tracer.set_seed(100 + seed);

@@ -5,7 +5,7 @@ use nsq_gpu::model::ray_id::NUM_REPLICATES;
 use nsq_gpu::model::{Bsdf, DetectorKind, FarField, Sampling, SceneIr, Spectral, Splat, Tabulated};
 use nsq_gpu::program::{Precision, Sampler};
 use nsq_gpu::result::{DetectorData, DetectorTally, RaySpan, RaySpans, RunInfo, Tally, TraceResult};
-use nsq_gpu::{StandardError, TraceOptions, Tracer};
+use nsq_gpu::{StandardError, TraceOptions};
 use statrs::distribution::{Binomial, ContinuousCDF, Discrete, DiscreteCDF, StudentsT};
 
 /// Half the width of the interval that holds a normal variable with a probability of 95 %, in standard deviations.
@@ -74,7 +74,7 @@ fn blocks(ir: &SceneIr, num_rays: u64, num_blocks: u64) -> Vec<Tally> {
         batch_size: Some(num_rays as u32),
         ..options(num_rays * num_blocks, 7, Precision::F32)
     };
-    let mut tracer = Tracer::new(zoo::gpu(), ir, &options).unwrap();
+    let mut tracer = zoo::tracer(ir, &options).unwrap();
     let mut before = tracer.empty_tally();
     let mut blocks = Vec::new();
     tracer.pause_at(num_rays);
@@ -239,7 +239,7 @@ fn coverage_of_totals(
     width: f64,
     num_seeds: u64,
 ) -> Vec<u64> {
-    let mut tracer = Tracer::new(zoo::gpu(), ir, options).unwrap();
+    let mut tracer = zoo::tracer(ir, options).unwrap();
     let mut within = vec![0; ir.detectors.len()];
     for tally in zoo::tallies_of(&mut tracer, 0..num_seeds) {
         let result = result_of(ir, &tally);
@@ -303,7 +303,7 @@ fn intervals_of_pixels_of_sobol_points_hold_the_converged_value() {
                 ir.surfaces.clear();
             }
             let converged = zoo::result(&ir, &sobol(64 * num_rays, 1 << 40, Precision::F32));
-            let mut tracer = Tracer::new(zoo::gpu(), &ir, &sobol(num_rays, 0, Precision::F32)).unwrap();
+            let mut tracer = zoo::tracer(&ir, &sobol(num_rays, 0, Precision::F32)).unwrap();
             let covered = coverage(&ir, &converged, t95(), zoo::tallies_of(&mut tracer, 0..num_seeds));
             assert_is_95_percent(&format!("{name}, {splat:?}"), covered);
         }
@@ -436,7 +436,7 @@ fn scrambles_add_up_to_the_whole() {
         let mut sum = Tally::zeros(&ir);
         for (first_ray, end) in [(0, 17), (17, 3333), (3333, 10_000)] {
             let part = TraceOptions { first_ray, num_rays: end - first_ray, ..options.clone() };
-            sum += &Tracer::new(zoo::gpu(), &ir, &part).unwrap().trace(|_| true).unwrap();
+            sum += &zoo::tracer(&ir, &part).unwrap().trace(|_| true).unwrap();
         }
         sum.sort_rows(&ir);
         assert!(sum == whole, "{name}: the parts are not the whole");
@@ -445,7 +445,7 @@ fn scrambles_add_up_to_the_whole() {
 
 /// Mean square of the deviations between the totals of so many seeds, and mean square of their errors.
 fn variances_of_totals(ir: &SceneIr, options: &TraceOptions, num_seeds: u64) -> (f64, Option<f64>) {
-    let mut tracer = Tracer::new(zoo::gpu(), ir, options).unwrap();
+    let mut tracer = zoo::tracer(ir, options).unwrap();
     let results: Vec<TraceResult> =
         zoo::tallies_of(&mut tracer, 0..num_seeds).map(|tally| result_of(ir, &tally)).collect();
     let n = num_seeds as f64;

@@ -19,6 +19,11 @@ impl<T> Devices<T> {
         Devices([const { OnceLock::new() }; NUM_DEVICES])
     }
 
+    /// Those that are open.
+    pub fn opened(&self) -> impl Iterator<Item = &T> {
+        self.0.iter().filter_map(OnceLock::get)
+    }
+
     /// The one of this thread, always the same.
     pub fn mine(&self, open: impl FnOnce() -> T) -> &T {
         self.0[MINE.with(|&mine| mine)].get_or_init(open)

@@ -1,5 +1,6 @@
 //! Options of a trace, and what the CPU backend is forced to do in it.
 
+use crate::zoo;
 use nsq_gpu::cpu::{CpuOverrides, Override};
 use nsq_gpu::gpu::Gpu;
 use nsq_gpu::model::SceneIr;
@@ -37,7 +38,13 @@ pub trait Asked {
 
     /// A tracer.
     fn tracer<'a>(&self, gpu: &'a Gpu, ir: &'a SceneIr) -> Result<Tracer<'a>> {
-        self.tracer_with(gpu, ir, |wgsl| wgsl)
+        Tracer::with(
+            gpu,
+            ir,
+            self.trace_options(),
+            ForAdapter::Forced(&self.overrides()),
+            zoo::shaders_of(gpu),
+        )
     }
 
     /// The same, with other overrides.

@@ -23,25 +23,48 @@ use nsq_gpu::model::{Coating, Interaction, SceneIr, SimpleCoating};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{PathSum, QUANTA_PER_WEIGHT, RunInfo, Tally};
 use nsq_gpu::run::{Collect, ForAdapter, PipelineCache, Shaders};
-use nsq_gpu::{Scene, TraceOptions, TraceResult, Tracer};
+use nsq_gpu::{Result, Scene, TraceOptions, TraceResult, Tracer};
 use std::sync::Arc;
 
 /// The device of a test; its shaders run with every run-time check.
 pub fn gpu() -> &'static Gpu {
-    static GPUS: Devices<Gpu> = Devices::new();
-    GPUS.mine(|| open(Native::Allowed, true))
+    &CHECKED.mine(|| Opened::new(Native::Allowed, true)).gpu
 }
 
 /// The same without them, as commands open it.
 pub fn unchecked_gpu() -> &'static Gpu {
-    static GPUS: Devices<Gpu> = Devices::new();
-    GPUS.mine(|| open(Native::Allowed, false))
+    &UNCHECKED.mine(|| Opened::new(Native::Allowed, false)).gpu
 }
 
 /// The one without optional features; it checks as well.
 pub fn portable_gpu() -> &'static Gpu {
-    static GPUS: Devices<Gpu> = Devices::new();
-    GPUS.mine(|| open(Native::Off, true))
+    &PORTABLE.mine(|| Opened::new(Native::Off, true)).gpu
+}
+
+static CHECKED: Devices<Opened> = Devices::new();
+static UNCHECKED: Devices<Opened> = Devices::new();
+static PORTABLE: Devices<Opened> = Devices::new();
+
+/// A device, and the shaders that tests have compiled on it. Lavapipe spends two thirds of a test's time with compiling, and
+/// a third of the shaders of a program's tests are alike.
+struct Opened {
+    gpu: Gpu,
+    cache: PipelineCache,
+}
+
+impl Opened {
+    fn new(native: Native, runtime_checks: bool) -> Self {
+        Opened { gpu: open(native, runtime_checks), cache: PipelineCache::new() }
+    }
+}
+
+/// The shaders of one of these devices; none for other devices.
+pub fn shaders_of(gpu: &Gpu) -> Shaders<'static> {
+    let mut all = [&CHECKED, &UNCHECKED, &PORTABLE].into_iter().flat_map(Devices::opened);
+    Shaders {
+        cache: all.find(|opened| std::ptr::eq(&opened.gpu, gpu)).map(|opened| &opened.cache),
+        edit: None,
+    }
 }
 
 fn open(native: Native, runtime_checks: bool) -> Gpu {
@@ -84,6 +107,11 @@ pub fn options(num_rays: u64, seed: u64, precision: Precision) -> TraceOptions {
     TraceOptions { num_rays, seed, precision, ..TraceOptions::default() }
 }
 
+/// A tracer as commands make it, on the device of this test.
+pub fn tracer<'a>(ir: &'a SceneIr, options: &TraceOptions) -> Result<Tracer<'a>> {
+    Tracer::with(gpu(), ir, options, ForAdapter::WhatPays, shaders_of(gpu()))
+}
+
 /// Traces all rays on a device.
 pub fn trace_on(gpu: &Gpu, ir: &SceneIr, options: &impl Asked) -> Tally {
     let mut tracer = options.tracer(gpu, ir).unwrap();
@@ -99,8 +127,6 @@ pub fn trace(ir: &SceneIr, options: &impl Asked) -> Tally {
 
 /// The same options, guided by what a pilot for so many rays learns.
 pub fn guided(ir: &SceneIr, options: &TraceOptions, num_rays: u64, wanted: &Wanted) -> TraceOptions {
-    let cache = PipelineCache::new();
-    let shaders = Shaders { cache: Some(&cache), edit: None };
     let pilot = |guide: &Guide, num_rays, round| {
         let options = TraceOptions {
             num_rays,
@@ -109,7 +135,7 @@ pub fn guided(ir: &SceneIr, options: &TraceOptions, num_rays: u64, wanted: &Want
             collect: Collect::paths(),
             ..options.clone()
         };
-        Tracer::with(gpu(), ir, &options, ForAdapter::WhatPays, shaders)?.trace(|_| true)
+        tracer(ir, &options)?.trace(|_| true)
     };
     let learned = learn(ir, wanted, num_rays, pilot).unwrap();
     TraceOptions { guide: Some(Arc::new(learned.guide)), ..options.clone() }
