@@ -17,7 +17,8 @@ use nsq_gpu::{Error, Scene, StandardError, TraceOptions};
 use std::path::Path;
 
 fn difference(a: &SceneIr, b: &SceneIr, options: &TraceOptions) -> SceneDifference {
-    Pair::new(a, b.clone()).unwrap().difference(zoo::gpu(), options, |_| true).unwrap()
+    let pair = Pair::new(a, b.clone()).unwrap().with_cache(zoo::shaders_of(zoo::gpu()).cache);
+    pair.difference(zoo::gpu(), options, |_| true).unwrap()
 }
 
 /// A scene of the collection with some of its numbers changed.

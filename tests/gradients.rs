@@ -32,6 +32,11 @@ fn planted<'t>(text: &'t str, wrong: &'t str) -> impl Fn(String) -> String + 't 
     move |wgsl: String| zoo::replaced(&wgsl, text, wrong)
 }
 
+/// As users differentiate, with the shaders that other tests have compiled.
+fn how() -> How<'static> {
+    How { cache: zoo::shaders_of(zoo::gpu()).cache, ..How::default() }
+}
+
 fn differentiated(text: &str, names: &[&str]) -> Differentiated {
     let names: Vec<String> = names.iter().map(|name| name.to_string()).collect();
     Differentiated::new(text, &oracle(), &[], &names, |_| Ok(())).unwrap()
@@ -78,7 +83,7 @@ fn derivatives_are_those_of_torch() {
             )
         };
         let scene = differentiated(&text, &names);
-        let (found, tally) = scene.gradients(zoo::gpu(), &options, How::default(), |_| true).unwrap();
+        let (found, tally) = scene.gradients(zoo::gpu(), &options, how(), |_| true).unwrap();
         let flux = numbers(&theirs["data"]);
         for ours in found.iter().filter(|row| row.detector == theirs["detector"].as_str().unwrap()) {
             let expected = &all[&ours.parameter];
@@ -155,7 +160,7 @@ fn central_difference(text: &str, name: &str, step: f64, options: &TraceOptions)
 /// derivative shows. Pixels count that are not at the border, or all.
 fn check_difference(text: &str, name: &str, step: f64, options: &TraceOptions, has_border: bool) -> usize {
     let scene = differentiated(text, &[name]);
-    let found = scene.gradients(zoo::gpu(), options, How::default(), |_| true).unwrap().0;
+    let found = scene.gradients(zoo::gpu(), options, how(), |_| true).unwrap().0;
     let difference = central_difference(text, name, step, options);
     let (ours, theirs) = (&found[0], difference.detectors[0].map.as_ref().unwrap());
     let (map, errors) = (ours.map.as_ref().unwrap(), ours.map_errors.as_ref().unwrap());
@@ -259,7 +264,7 @@ fn a_truncated_gaussian_beam_widens_by_its_formula() {
         let options = TraceOptions { num_rays: 400_000, ..zoo::options(0, 5, Precision::F64) };
         let names = ["beam.gaussian_sigma", "beam.aperture_radius"];
         let scene = differentiated(&text, &names);
-        let found = scene.gradients(zoo::gpu(), &options, How::default(), |_| true).unwrap().0;
+        let found = scene.gradients(zoo::gpu(), &options, how(), |_| true).unwrap().0;
         let slope = |of: &dyn Fn(f64) -> f64| (of(1e-4) - of(-1e-4)) / 2e-4;
         let formulas = [
             slope(&|change| mean_square(sigma + change, RADIUS)),
@@ -318,7 +323,7 @@ fn a_name_that_moves_several_numbers_has_one_derivative() {
     let of = |names: &[&str]| -> Vec<ndarray::ArrayD<f64>> {
         let found = differentiated(&text, names);
         let options = zoo::options(20_000, 5, Precision::F64);
-        let found = found.gradients(zoo::gpu(), &options, How::default(), |_| true).unwrap().0;
+        let found = found.gradients(zoo::gpu(), &options, how(), |_| true).unwrap().0;
         found.into_iter().map(|row| row.map.unwrap()).collect()
     };
     let front = ["\"filter.front\".z", "\"filter.front\".ry"];
@@ -452,7 +457,7 @@ fn derivatives_have_the_same_bits_however_they_are_traced() {
     let options = zoo::options(5000, 2, Precision::F64);
     let of = |names: &[&str], options: &TraceOptions| {
         let scene = differentiated(BENCH, names);
-        let found = scene.gradients(zoo::gpu(), options, How::default(), |_| true).unwrap().0;
+        let found = scene.gradients(zoo::gpu(), options, how(), |_| true).unwrap().0;
         found.into_iter().find(|row| row.parameter == "L1.r1").unwrap()
     };
     let alone = of(&["L1.r1"], &options);
@@ -485,7 +490,7 @@ fn derivatives_have_the_precision_of_the_tier() {
     let scene = differentiated(BENCH, &names);
     let of = |precision| {
         let options = zoo::options(4000, 2, precision);
-        scene.gradients(zoo::gpu(), &options, How::default(), |_| true).unwrap().0
+        scene.gradients(zoo::gpu(), &options, how(), |_| true).unwrap().0
     };
     let exact = of(Precision::F64);
     for (precision, tolerance) in [(Precision::F32, 2e-3), (Precision::Df64, 1e-9)] {
@@ -522,7 +527,7 @@ fn a_window_has_the_derivatives_of_its_formula() {
     let options = TraceOptions { max_depth: 64, ..zoo::options(1_000_000, 4, Precision::F64) };
     let flux = |text: &str, name: &str| {
         let scene = differentiated(text, &[name]);
-        let found = scene.gradients(zoo::gpu(), &options, How::default(), |_| true).unwrap().0;
+        let found = scene.gradients(zoo::gpu(), &options, how(), |_| true).unwrap().0;
         (found[0].flux, found[0].standard_error.unwrap())
     };
     let n = 1.8_f64;
@@ -558,7 +563,7 @@ fn slope_of_centre(surfaces: &str, screen_z: f64, beam_x: f64, parameter: &str) 
     );
     let scene = differentiated(&text, &[parameter]);
     let options = zoo::options(2_000, 4, Precision::F64);
-    let (found, tally) = scene.gradients(zoo::gpu(), &options, How::default(), |_| true).unwrap();
+    let (found, tally) = scene.gradients(zoo::gpu(), &options, how(), |_| true).unwrap();
     // A splat over four pixels keeps the centre of what it spreads.
     let quanta = &tally.detectors[0].quanta;
     let map = found[0].map.as_ref().unwrap();
@@ -651,7 +656,7 @@ fn a_coating_that_reflects_nothing_has_the_derivative_of_its_formula() {
                     "cs": {"z": 3}, "material_front": {"type": "medium", "name": "glass"}}]}}"#;
     let scene = differentiated(text, &["front.reflectance"]);
     let options = TraceOptions { max_depth: 64, ..zoo::options(1_000_000, 4, Precision::F64) };
-    let found = scene.gradients(zoo::gpu(), &options, How::default(), |_| true).unwrap().0;
+    let found = scene.gradients(zoo::gpu(), &options, how(), |_| true).unwrap().0;
     let f = (0.8_f64 / 2.8).powi(2);
     let expected = 2.0 * (1.0 + (0.9 * f).powi(2));
     let (slope, error) = (found[0].flux, found[0].standard_error.unwrap());
@@ -669,7 +674,7 @@ fn a_sphere_has_a_derivative_by_its_conic_constant() {
         let text = BENCH.replace("\"conic1\": -0.3", conic);
         let scene = differentiated(&text, &["L1.conic1", "image.z"]);
         let options = zoo::options(20_000, 3, Precision::F64);
-        let found = scene.gradients(zoo::gpu(), &options, How::default(), |_| true).unwrap().0;
+        let found = scene.gradients(zoo::gpu(), &options, how(), |_| true).unwrap().0;
         found[0].map.clone().unwrap()
     };
     let (sphere, nearly) = (by_conic("\"conic1\": 0"), by_conic("\"conic1\": 1e-9"));
@@ -694,7 +699,7 @@ fn scenes_of_many_faces_have_derivatives() {
         let text = BENCH.replace("\"surfaces\": [", &format!("\"surfaces\": [{spares}"));
         let scene = differentiated(&text, &["L1.r1"]);
         let options = zoo::options(5_000, 3, Precision::F64);
-        let found = scene.gradients(zoo::gpu(), &options, How::default(), |_| true).unwrap().0;
+        let found = scene.gradients(zoo::gpu(), &options, how(), |_| true).unwrap().0;
         found[0].map.clone().unwrap()
     };
     let (few, many) = (with(0), with(200));
@@ -713,7 +718,7 @@ fn derivatives_of_1e8_rays_are_those_of_differences_to_1_percent() {
     let steps = [("L1.r1", 0.5), ("L1.rx", 2e-3), ("glass.n", 2e-3), ("\"filter.back\".transmittance", 0.02)];
     for (name, step) in steps {
         let scene = differentiated(BENCH, &[name]);
-        let found = scene.gradients(zoo::gpu(), &options, How::default(), |_| true).unwrap().0;
+        let found = scene.gradients(zoo::gpu(), &options, how(), |_| true).unwrap().0;
         let difference = central_difference(BENCH, name, step, &options);
         let theirs = &difference.detectors[0];
         let (map, expected) =
@@ -824,12 +829,12 @@ fn what_has_no_derivative_is_refused_by_name() {
     let touching = BENCH.replace("\"cs\": {\"z\": 22}", "\"cs\": {\"z\": 20}");
     let scene = differentiated(&touching, &["\"filter.back\".z"]);
     let options = zoo::options(100, 0, Precision::F64);
-    let found = scene.gradients(zoo::gpu(), &options, How::default(), |_| true);
+    let found = scene.gradients(zoo::gpu(), &options, how(), |_| true);
     let said = found.unwrap_err().to_string();
     assert!(said.contains("filter.back") && said.contains("faces touch"), "{said}");
     let points = TraceOptions { sampler: nsq_gpu::program::Sampler::Sobol, ..options };
     let scene = differentiated(BENCH, &["L1.r1"]);
-    let found = scene.gradients(zoo::gpu(), &points, How::default(), |_| true);
+    let found = scene.gradients(zoo::gpu(), &points, how(), |_| true);
     assert!(found.unwrap_err().to_string().contains("--sampler sobol"));
 }
 
@@ -892,7 +897,7 @@ fn back_and_forward(text: &str, names: &[&str], options: &TraceOptions) -> [Loss
     let scene = differentiated(text, names);
     let adjoints = some_adjoints(&scene);
     [false, true].map(|forward| {
-        let how = How { forward, ..How::default() };
+        let how = How { forward, ..how() };
         scene.loss_gradient(zoo::gpu(), options, how, &adjoints, |_| true).unwrap()
     })
 }
@@ -947,7 +952,7 @@ fn the_way_back_has_the_precision_of_the_tier() {
         let scene = differentiated(BENCH, &["L1.r1", "glass.n", "image.z"]);
         let options = zoo::options(2000, 5, precision);
         let adjoints = some_adjoints(&scene);
-        scene.loss_gradient(zoo::gpu(), &options, How::default(), &adjoints, |_| true).unwrap().values
+        scene.loss_gradient(zoo::gpu(), &options, how(), &adjoints, |_| true).unwrap().values
     };
     let exact = of(Precision::F64);
     for (precision, tolerance) in [(Precision::F32, 1e-5), (Precision::Df64, 1e-11)] {
@@ -1027,7 +1032,7 @@ fn check_scene(name: &str) -> BothWays {
     let mut names: Vec<String> =
         some_names(&scene).into_iter().filter(|name| of(std::slice::from_ref(name)).is_ok()).collect();
     let gradient = |scene: &Differentiated, forward: bool| {
-        let how = How { forward, ..How::default() };
+        let how = How { forward, ..how() };
         scene.loss_gradient(zoo::gpu(), &options, how, &some_adjoints(scene), |_| true)
     };
     let [mut at_edges, mut too_large] = [vec![], vec![]];
@@ -1286,9 +1291,8 @@ fn what_crosses_edges_is_told_on_request() {
     assert!(edges.flux > 5.0 * edges.standard_error.unwrap(), "{rim:?}");
     let asked = |text: &str| {
         let scene = differentiated(text, &[name]);
-        let maps = scene.gradients(zoo::gpu(), &options, How::default(), |_| true);
-        let loss =
-            scene.loss_gradient(zoo::gpu(), &options, How::default(), &some_adjoints(&scene), |_| true);
+        let maps = scene.gradients(zoo::gpu(), &options, how(), |_| true);
+        let loss = scene.loss_gradient(zoo::gpu(), &options, how(), &some_adjoints(&scene), |_| true);
         (maps.map(|(maps, _)| maps[0].flux), loss.map(|loss| loss.values[0]))
     };
     let (maps, loss) = asked(&wide);
@@ -1319,9 +1323,9 @@ fn edges_alone_are_told_from_a_derivative_of_0() {
         let options = zoo::options(20_000, 5, precision);
         let of = |text: &str, name: &str| {
             let scene = differentiated(text, &[name]);
-            let maps = scene.gradients(zoo::gpu(), &options, How::default(), |_| true);
+            let maps = scene.gradients(zoo::gpu(), &options, how(), |_| true);
             let ones: Vec<Vec<f64>> = scene.adjoint_lengths().map(|num| vec![1.0; num]).collect();
-            let loss = scene.loss_gradient(zoo::gpu(), &options, How::default(), &ones, |_| true);
+            let loss = scene.loss_gradient(zoo::gpu(), &options, how(), &ones, |_| true);
             (maps.map(|(maps, _)| maps[0].flux), loss.map(|loss| loss.values[0]))
         };
         let rounding = if precision == Precision::F32 { 1e-5 } else { 1e-11 };
@@ -1355,8 +1359,7 @@ fn a_stopped_trace_gives_what_is_done() {
     let options = zoo::options(400_000, 5, Precision::F64);
     let names = ["L1.r2", "L1.z", "L1.thickness", "image.z", "glass.n"];
     let scene = differentiated(BENCH, &names);
-    let until =
-        |most: u64| scene.gradients(zoo::gpu(), &options, How::default(), |done| done < most).unwrap();
+    let until = |most: u64| scene.gradients(zoo::gpu(), &options, how(), |done| done < most).unwrap();
     let (whole, _) = until(u64::MAX);
     let (part, tally) = until(100_000);
     // Rays of the pass after which it was stopped count, too.
@@ -1376,6 +1379,6 @@ fn a_stopped_trace_gives_what_is_done() {
     }
     let (first, tally) = until(500_000);
     assert_eq!((first.as_slice(), tally.launched.count), (&whole[..4], 400_000));
-    let none = scene.gradients(zoo::gpu(), &options, How::default(), |_| false);
+    let none = scene.gradients(zoo::gpu(), &options, how(), |_| false);
     assert_eq!(none.unwrap_err(), nsq_gpu::Error::Interrupted);
 }

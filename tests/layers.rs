@@ -254,10 +254,11 @@ fn a_wrong_import_is_noticed() {
 /// What `make test` leaves out is on the list of `make test-long`, and nothing else is.
 #[test]
 fn tests_that_are_marked_as_long_are_listed() {
-    let tests = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests");
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mark = concat!("#[ignore = ", "\"long\"]");
     let mut marked = BTreeSet::new();
-    for entry in std::fs::read_dir(&tests).unwrap() {
+    let folders = ["tests", "benches/tests"].map(|folder| std::fs::read_dir(root.join(folder)).unwrap());
+    for entry in folders.into_iter().flatten() {
         let path = entry.unwrap().path();
         let main = if path.is_dir() { path.join("main.rs") } else { path.clone() };
         if main.extension().is_none_or(|extension| extension != "rs") || !main.is_file() {
@@ -273,7 +274,7 @@ fn tests_that_are_marked_as_long_are_listed() {
         // Trials that a program makes itself are listed as one.
         marked.extend(text.contains(concat!(".with_ignored", "_flag(")).then(|| format!("{program} *")));
     }
-    let list = std::fs::read_to_string(tests.join("long.txt")).unwrap();
+    let list = std::fs::read_to_string(root.join("tests/long.txt")).unwrap();
     let listed: BTreeSet<String> =
         list.lines().filter(|line| !line.starts_with('#')).map(str::to_string).collect();
     assert_eq!(marked, listed);

@@ -301,8 +301,12 @@ fn check_all(real: Real, num_surfaces: u64) {
 }
 
 #[test]
-fn the_first_crossing_of_random_surfaces_is_found() {
+fn the_first_crossing_of_random_surfaces_is_found_in_f64() {
     check_all(Real::F64, FEW_SURFACES);
+}
+
+#[test]
+fn the_first_crossing_of_random_surfaces_is_found_in_f32() {
     check_all(Real::F32, FEW_SURFACES);
 }
 

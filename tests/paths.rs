@@ -7,13 +7,13 @@
 
 mod zoo;
 
+use nsq_gpu::TraceOptions;
 use nsq_gpu::engine::options::DEFAULT_PATH_ROWS;
 use nsq_gpu::model::{End, PathFilter, SceneIr};
 use nsq_gpu::paths::rows::TableOptions;
 use nsq_gpu::program::{Precision, Sampler};
 use nsq_gpu::result::{Grouping, LightPath, PathSum, PathTally, Tally};
 use nsq_gpu::run::Collect;
-use nsq_gpu::TraceOptions;
 
 fn with_table(num_rays: u64, precision: Precision) -> TraceOptions {
     TraceOptions { collect: Collect::paths(), ..zoo::options(num_rays, 16, precision) }

@@ -79,6 +79,7 @@ fn the_files_hold_what_was_measured() {
 }
 
 #[test]
+#[ignore = "long"]
 fn frames_of_the_viewer_are_measured() {
     if !has_adapter("frames_of_the_viewer_are_measured") {
         return;

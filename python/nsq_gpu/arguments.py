@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from functools import wraps
 from typing import Any
 
+import numpy as np
 from optiland.nonsequential import NSQScene
 from optiland.nonsequential.backends.base import TracerBackend
 from optiland.optic import Optic
@@ -25,6 +26,20 @@ PRECISIONS = ("auto", "f32", "f64", "df64")
 SAMPLERS = ("pcg", "sobol")
 #: Most names that an error lists.
 _MOST_LISTED = 20
+
+
+def flag(name: str, value: object) -> bool:
+    """Return a truth value; 0 and 1 are numbers."""
+    if not isinstance(value, bool | np.bool_):
+        raise UsageError(f"{name} is {value!r}; give True or False")
+    return bool(value)
+
+
+def filter_of(where: object) -> str | None:
+    """Return a filter of paths, or None; what its words mean, the program says."""
+    if where is not None and not isinstance(where, str):
+        raise UsageError(f'where is {where!r}; give a text, such as "reflections == 2"')
+    return where
 
 
 def wrong_kind(name: str, value: object, wanted: str) -> UsageError:

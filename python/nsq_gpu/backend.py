@@ -14,7 +14,7 @@ from optiland.nonsequential import NSQScene
 from optiland.nonsequential._utils import DEFAULT_BATCH_SIZE
 from optiland.nonsequential.backends.base import TracerBackend
 
-from nsq_gpu.arguments import PRECISIONS, SAMPLERS, of_an_instance, wrong_kind
+from nsq_gpu.arguments import PRECISIONS, SAMPLERS, filter_of, flag, of_an_instance, wrong_kind
 from nsq_gpu.binary import find_binary
 from nsq_gpu.color import ColorOf, checked, colored
 from nsq_gpu.edges import shape_of, warn_of_edges
@@ -122,12 +122,6 @@ class NsqGpuBackend(TracerBackend):
         for name, switch in (("standard_error", standard_error), ("photometric", photometric)):
             if switch not in (None, True, False):
                 raise UsageError(f"{name} is {switch!r}; give True, False or None")
-        if paths not in (True, False):
-            raise UsageError(f"paths is {paths!r}; give True or False")
-        if guide not in (True, False):
-            raise UsageError(f"guide is {guide!r}; give True or False")
-        if where is not None and not isinstance(where, str):
-            raise UsageError(f'where is {where!r}; give a text, such as "reflections == 2"')
         self.seed = seed
         self.precision = precision
         self.adapter = adapter
@@ -139,9 +133,9 @@ class NsqGpuBackend(TracerBackend):
         self.standard_error = standard_error
         self.sampler = sampler
         self.max_depth = max_depth
-        self.paths = paths
-        self.where = where
-        self.guide = guide
+        self.paths = flag("paths", paths)
+        self.where = filter_of(where)
+        self.guide = flag("guide", guide)
         self.photometric = photometric
         self.color = checked(color, photometric)
         self.scatter_prob = scatter_prob
@@ -151,9 +145,7 @@ class NsqGpuBackend(TracerBackend):
             raise UsageError(f"gradient is {gradient!r}; give 'interior' or None")
         self.gradient = gradient
         self.backward_seed = backward_seed
-        if check_edges not in (True, False):
-            raise UsageError(f"check_edges is {check_edges!r}; give True or False")
-        self.check_edges = check_edges
+        self.check_edges = flag("check_edges", check_edges)
         #: The program's own report of the last trace: its ledger, adapter, precision and more; see the README.
         self.report: dict[str, Any] | None = None
         #: Numbers without a derivative that a warning has named.

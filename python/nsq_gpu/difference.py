@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from optiland.nonsequential import NSQScene
 
-from nsq_gpu.arguments import check_scene
+from nsq_gpu.arguments import check_scene, flag
 from nsq_gpu.binary import find_binary
 from nsq_gpu.display import Displayed, Summary, number
-from nsq_gpu.errors import NsqGpuError, NsqGpuWarning, SceneError, TraceTimeoutError, UsageError, warn, with_partial
+from nsq_gpu.errors import NsqGpuError, NsqGpuWarning, SceneError, TraceTimeoutError, warn, with_partial
 from nsq_gpu.export import export, to_json
 from nsq_gpu.export.values import whole_number
 from nsq_gpu.few_rays import FewRays, few_rays, in_table
@@ -130,8 +130,7 @@ def diff(a: NSQScene | str | os.PathLike[str], b: NSQScene | str | os.PathLike[s
         Interrupted: Ctrl-C ended the traces; ``partial`` is the difference of the rays that both scenes had traced. So it
             is with TraceTimeoutError.
     """
-    if not isinstance(guide, bool):
-        raise UsageError(f"guide is {guide!r}; give True or False")
+    guide = flag("guide", guide)
     program = find_binary(binary)
     with tempfile.TemporaryDirectory(prefix="nsq-gpu-") as name:
         folder = Path(name)

@@ -7,7 +7,8 @@ import json
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from nsq_gpu.errors import ResultWarning, UsageError, warn
+from nsq_gpu.arguments import filter_of, flag
+from nsq_gpu.errors import ResultWarning, warn
 
 
 def check_options(where: object, edges: object) -> None:
@@ -16,10 +17,8 @@ def check_options(where: object, edges: object) -> None:
     Raises:
         UsageError: ``where`` is no text, or ``edges`` neither True nor False.
     """
-    if where is not None and not isinstance(where, str):
-        raise UsageError(f'where is {where!r}; give a text, such as "reflections == 2"')
-    if edges not in (True, False):
-        raise UsageError(f"edges is {edges!r}; give True or False")
+    filter_of(where)
+    flag("edges", edges)
 
 
 def shape_of(document: object, options: Mapping[str, Any], names: Iterable[str]) -> str:
