@@ -51,7 +51,8 @@ PART = $(abspath .ci/part)
 TARGET_FOLDER = $(or $(CARGO_TARGET_DIR),target)
 BINARY = $(abspath $(TARGET_FOLDER)/debug/nsq-gpu)
 BUILD_ARGS =
-BUILD_BUDGET = 420
+# The release takes longer.
+BUILD_BUDGET = $(if $(BUILD_ARGS),420,240)
 FAST_BINARY = $(abspath $(TARGET_FOLDER)/release/nsq-gpu)
 # `unoptimised` makes a wheel for tests of its packing alone, in half the time.
 WHEEL_PROFILE = release
@@ -112,8 +113,8 @@ test-rust: adapter rust-components display
 	@$(PART) words 10 $(PYTHON) tests/house/words.py
 	@$(PART) "words, planted" 10 $(PYTHON) tests/house/words.py --self-test
 	@$(PART) clippy 150 cargo clippy --workspace --all-targets -- -D warnings
-	@$(PART) test-plain 150 $(MAKE) --no-print-directory test-plain
-	@$(PART) "Rust tests, built" 300 cargo test --no-run
+	@$(PART) test-plain 120 $(MAKE) --no-print-directory test-plain
+	@$(PART) "Rust tests, built" 120 cargo test --no-run
 	@$(PART) "Rust tests" 1200 env RUST_TEST_THREADS="$${RUST_TEST_THREADS:-$(TEST_THREADS)}" $(RUST_TESTS)
 
 # Without the CPU backend: the plain loop alone. With the viewer, so that dependencies are those of all other tests.
