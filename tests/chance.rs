@@ -9,7 +9,6 @@
 mod zoo;
 
 use glam::{DMat3, DVec3};
-use nsq_gpu::Tracer;
 use nsq_gpu::model::{DetectorKind, Extended, Frame, Outline, ReflectProb, Sampling, SceneIr, SourceKind};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::Tally;

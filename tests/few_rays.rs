@@ -10,12 +10,12 @@ mod zoo;
 
 use command::{run, stderr};
 use glam::{DMat3, DVec3};
+use nsq_gpu::TraceOptions;
 use nsq_gpu::model::{
     Collimated, Detector, DetectorKind, Frame, Interaction, Medium, Outline, PixelGrid, ReflectProb,
     Sampling, SceneIr, Shape, Source, SourceKind, Spectrum, Splat, Surface,
 };
 use nsq_gpu::program::Precision;
-use nsq_gpu::{TraceOptions, Tracer};
 use serde_json::Value;
 use std::path::Path;
 

@@ -21,7 +21,7 @@ use nsq_gpu::paths::rows::{TableOptions, flux_unit, table};
 use nsq_gpu::program::{Precision, Sampler};
 use nsq_gpu::result::{Grouping, LightPath, PathSum, QUANTA_PER_WEIGHT, Tally};
 use nsq_gpu::run::{Collect, StandardError};
-use nsq_gpu::{Error, TraceOptions, Tracer};
+use nsq_gpu::{Error, TraceOptions};
 use std::sync::Arc;
 
 fn with_table(num_rays: u64, seed: u64, precision: Precision) -> TraceOptions {

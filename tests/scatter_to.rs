@@ -9,7 +9,7 @@ use nsq_gpu::model::SceneIr;
 use nsq_gpu::program::{Precision, Sampler};
 use nsq_gpu::result::{RunInfo, TraceResult};
 use nsq_gpu::run::StandardError;
-use nsq_gpu::{Scene, TraceOptions, Tracer};
+use nsq_gpu::{Scene, TraceOptions};
 use serde_json::{Value, json};
 use std::f64::consts::PI;
 
