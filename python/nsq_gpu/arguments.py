@@ -26,12 +26,26 @@ PRECISIONS = ("auto", "f32", "f64", "df64")
 SAMPLERS = ("pcg", "sobol")
 #: Most names that an error lists.
 _MOST_LISTED = 20
+#: Longest text of a value that an error shows.
+_LONGEST = 100
+
+
+def refused(name: str, value: object, wanted: str) -> UsageError:
+    """Return the error of an argument that is none of what is wanted: a short value is shown, of others the kind."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    is_shown = isinstance(value, str | bytes | int | float | complex | tuple | list | dict | set | None)
+    if is_shown and len(repr(value)) <= _LONGEST:
+        return UsageError(f"{name} is {value!r}; give {wanted}")
+    if is_shown:
+        return UsageError(f"{name} is a long {type(value).__name__}; give {wanted}")
+    return wrong_kind(name, value, f"give {wanted}")
 
 
 def flag(name: str, value: object) -> bool:
     """Return a truth value; 0 and 1 are numbers."""
     if not isinstance(value, bool | np.bool_):
-        raise UsageError(f"{name} is {value!r}; give True or False")
+        raise refused(name, value, "True or False")
     return bool(value)
 
 

@@ -159,7 +159,7 @@ impl Target {
                     match fs::metadata(&next) {
                         Ok(found) if found.is_dir() => base = next,
                         Ok(_) => return Err(Error::file(next, "is not a folder")),
-                        // Another run may make it between two looks, and then it is no link. So one look decides, and
+                        // A link that leads nowhere is an error. A folder that another run makes after the look is none:
                         // `install` looks again.
                         Err(error)
                             if error.kind() == io::ErrorKind::NotFound && next.read_link().is_err() =>

@@ -18,29 +18,15 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from nsq_gpu.arguments import near, wrong_kind
+from nsq_gpu.arguments import near, refused
 from nsq_gpu.errors import UsageError, wants_gradient
 
 #: Seeds are below this one. Checks and fresh draws take larger seeds, which must fit into 64 bits.
 _SEEDS = 2**63
 #: The largest depth that the program takes.
 _DEEPEST = 2**20
-#: Longest text of a value that an error shows.
-_LONGEST = 100
 
 _T = TypeVar("_T")
-
-
-def refused(name: str, value: object, wanted: str) -> UsageError:
-    """Return the error of an argument that is none of what is wanted: a short value is shown, of others the kind."""
-    if isinstance(value, np.generic):
-        value = value.item()
-    is_shown = isinstance(value, str | bytes | int | float | complex | tuple | list | dict | set | None)
-    if is_shown and len(repr(value)) <= _LONGEST:
-        return UsageError(f"{name} is {value!r}; give {wanted}")
-    if is_shown:
-        return UsageError(f"{name} is a long {type(value).__name__}; give {wanted}")
-    return wrong_kind(name, value, f"give {wanted}")
 
 
 def _refuse_gradient(name: str, value: object) -> None:
@@ -159,13 +145,6 @@ def text(name: str, value: object, wanted: str) -> str:
 def filter_of(name: str, value: object) -> str | None:
     """Return a filter of paths, or None; what its words mean, the program says."""
     return None if value is None else text(name, value, 'a text, such as "reflections == 0", or None')
-
-
-def flag(name: str, value: object) -> bool:
-    """Return a truth value."""
-    if not isinstance(value, bool | np.bool_):
-        raise refused(name, value, "True or False")
-    return bool(value)
 
 
 def one_of(name: str, value: object, known: Sequence[str]) -> str:

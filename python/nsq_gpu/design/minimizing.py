@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from nsq_gpu.arguments import missing, near
+from nsq_gpu.arguments import flag, missing, near
 from nsq_gpu.design import checking
 from nsq_gpu.design.log import Log, Step
 from nsq_gpu.design.objectives import merit
@@ -259,7 +259,7 @@ def minimize(problem: Problem, method: str, *, x0: Any, max_rays: int | None, bu
     growth, steps = checking.whole("growth", growth, 2), checking.whole("steps", steps, 1)
     most_rays = np.inf if budget is None else checking.number("budget", budget, "a number of rays, more than 0, or None", above=0.0)
     tolerance = checking.number("tolerance", tolerance, "a number of 0 or more", least=0.0)
-    errors = checking.flag("errors", errors)
+    errors = flag("errors", errors)
     if callback is not None:
         checking.function("callback", callback, "lambda step: step.merit < 1e-6, or None")
     if not isinstance(resume, Log | str | os.PathLike | None):

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from nsq_gpu.arguments import near
+from nsq_gpu.arguments import flag, near
 from nsq_gpu.design import checking
 from nsq_gpu.design.maps import BlockMaps, Maps, by_pairs, by_powers, pairs, powers
 from nsq_gpu.errors import ResultWarning, UsageError, warn
@@ -58,7 +58,7 @@ class Objective(ABC):
         if self.name is not None:
             self._take(name=checking.text(f"{kind}: name", self.name, "a text, or None"))
         self._take(detector=checking.text(f"{self.name or kind}: detector", self.detector, 'the name of a detector, such as "image"'))
-        self._take(where=checking.filter_of(f"{self.label}: where", self.where), guide=checking.flag(f"{self.label}: guide", self.guide),
+        self._take(where=checking.filter_of(f"{self.label}: where", self.where), guide=flag(f"{self.label}: guide", self.guide),
                    weight=checking.number(f"{self.label}: weight", self.weight, "a number of 0 or more", least=0.0))
         for key in ("target", "min_val", "max_val"):
             if getattr(self, key) is not None:
@@ -315,7 +315,7 @@ class MatchMap(Objective):
 
     def _check(self) -> None:
         wanted = checking.array(f"{self.label}: wanted", self.wanted, "an array of numbers in the detector's shape", "biuf")
-        self._take(wanted=wanted, shape=checking.flag(f"{self.label}: shape", self.shape))
+        self._take(wanted=wanted, shape=flag(f"{self.label}: shape", self.shape))
         if wanted.ndim != 2 or not np.isfinite(wanted).all() or not wanted.any():
             raise UsageError(f"{self.label}: wanted has no finite map; give an array in the detector's shape")
         if self.shape and not wanted.sum() > 0.0:

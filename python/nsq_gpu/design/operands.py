@@ -17,7 +17,7 @@ import optiland.backend as be
 from optiland.nonsequential.components.refractive import RefractiveComponent
 from optiland.optic import Optic
 
-from nsq_gpu.arguments import PRECISIONS, near, wrong_kind
+from nsq_gpu.arguments import PRECISIONS, flag, near, wrong_kind
 from nsq_gpu.binary import find_binary
 from nsq_gpu.convert import from_optic
 from nsq_gpu.design import checking
@@ -227,7 +227,7 @@ class _Evaluation:
             if "kernel" in own and own["kernel"] is None:
                 # The scene says which one.
                 own["kernel"] = 1.0
-        given["guide"] = given["guide"] is not None and checking.flag(f"{name}: guide", given["guide"])
+        given["guide"] = given["guide"] is not None and flag(f"{name}: guide", given["guide"])
         shared = {key: given[key] for key in ("detector", "where", "guide")}
         objective = self.kind.objective(target=0.0, name=name, **shared, **own)
         given.update({key: getattr(objective, key) for key in own if given[key] is not None})

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from optiland.nonsequential import NSQScene
 
-from nsq_gpu.arguments import PRECISIONS, answering, check_mapping, near, of_names
+from nsq_gpu.arguments import PRECISIONS, answering, check_mapping, flag, near, of_names
 from nsq_gpu.binary import find_binary
 from nsq_gpu.design import checking
 from nsq_gpu.design.log import Log
@@ -285,7 +285,7 @@ class Problem:
     @checking.by_names
     def maps(self, x: Any = None, *, where: str | None = None, guide: bool = False) -> Maps:
         """Return the maps of irradiance detectors, by blocks of rays."""
-        group = checking.filter_of("where", where), checking.flag("guide", guide)
+        group = checking.filter_of("where", where), flag("guide", guide)
         return self._groups(self._numbers(x), [group])[group]
 
     def _numbers(self, x: Any) -> dict[str, float]:
@@ -322,7 +322,7 @@ class Problem:
         Raises:
             SceneError: The scene cannot be traced with these numbers.
         """
-        errors, numbers = checking.flag("errors", errors), self._numbers(x)
+        errors, numbers = flag("errors", errors), self._numbers(x)
         key = (tuple(numbers.values()), self._plain)
         known = self._gradients.get(key)
         if known is not None and not (errors and np.isnan(known.standard_errors).any()):
