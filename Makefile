@@ -23,6 +23,10 @@ SHELL := bash
 
 # Mesa complains on stderr where this is unset.
 export XDG_RUNTIME_DIR ?= /tmp
+# Where backtraces are asked for, wgpu's checks would take one at every lock. Panics have theirs.
+export RUST_LIB_BACKTRACE ?= 0
+# Some tests of every scene take a third of the scenes, another one with each commit; NSQ_GPU_TURN=all takes all of them.
+export NSQ_GPU_TURN ?= $(shell git rev-list --count HEAD 2>/dev/null || echo all)
 
 PYTHON = python3
 DEMO_SCENE = scenes/cooke_triplet.json
@@ -117,10 +121,9 @@ test-rust: adapter rust-components display
 	@$(PART) "Rust tests, built" 300 cargo test --no-run
 	@$(PART) "Rust tests" 1200 env RUST_TEST_THREADS="$${RUST_TEST_THREADS:-$(TEST_THREADS)}" $(RUST_TESTS)
 
-# Without the CPU backend: the plain loop alone. With the viewer, so that dependencies are those of all other tests. Our own
-# code is not optimised there: compiling it takes longer than running it.
+# Without the CPU backend: the plain loop alone. With the viewer, so that dependencies are those of all other tests.
 test-plain: adapter
-	cargo test --config 'profile.dev.package.nsq-gpu.opt-level=0' -p nsq-gpu --no-default-features --features viewer --test plain
+	cargo test -p nsq-gpu --no-default-features --features viewer --test plain
 
 # Without the viewer, too: other dependencies, which are checked anew.
 test-bare:

@@ -138,7 +138,7 @@ fn scene(surfaces: Vec<Surface>, sources: Vec<Source>, detectors: Vec<Detector>)
 }
 
 fn options(num_rays: u64, precision: Precision) -> TraceOptions {
-    TraceOptions { max_depth: 64, ..zoo::options(num_rays, 3, precision) }
+    zoo::tuned(TraceOptions { max_depth: 64, ..zoo::options(num_rays, 3, precision) })
 }
 
 /// As commands trace: lavapipe of Mesa 22.3 falls over these scenes where every access to memory is checked.

@@ -156,13 +156,35 @@ fn central_difference(text: &str, name: &str, step: f64, options: &TraceOptions)
     pair.difference(zoo::gpu(), options, |_| true).unwrap()
 }
 
-/// Compares the first detector's map with a difference of two traces, pixel by pixel, and gives in how many pixels the
-/// derivative shows. Pixels count that are not at the border, or all.
-fn check_difference(text: &str, name: &str, step: f64, options: &TraceOptions, has_border: bool) -> usize {
-    let scene = differentiated(text, &[name]);
-    let found = scene.gradients(zoo::gpu(), options, how(), |_| true).unwrap().0;
+/// Compares the first detector's map with differences of two traces, pixel by pixel, for each number and its step. Each
+/// derivative shows in more than `least` pixels. Pixels count that are not at the border, or all. Four numbers have one
+/// shader, which is compiled in less time than four.
+fn check_differences(
+    text: &str,
+    numbers: &[(&str, f64)],
+    options: &TraceOptions,
+    has_border: bool,
+    least: usize,
+) {
+    let names: Vec<&str> = numbers.iter().map(|(name, _)| *name).collect();
+    let found = differentiated(text, &names).gradients(zoo::gpu(), options, how(), |_| true).unwrap().0;
+    for &(name, step) in numbers {
+        let ours = found.iter().find(|gradient| gradient.parameter == name).unwrap();
+        let num_seen = check_difference(text, ours, step, options, has_border);
+        assert!(num_seen > least, "{text}: the derivative by {name} shows in {num_seen} pixels alone");
+    }
+}
+
+fn check_difference(
+    text: &str,
+    ours: &Gradient,
+    step: f64,
+    options: &TraceOptions,
+    has_border: bool,
+) -> usize {
+    let name = ours.parameter.as_str();
     let difference = central_difference(text, name, step, options);
-    let (ours, theirs) = (&found[0], difference.detectors[0].map.as_ref().unwrap());
+    let theirs = difference.detectors[0].map.as_ref().unwrap();
     let (map, errors) = (ours.map.as_ref().unwrap(), ours.map_errors.as_ref().unwrap());
     let [rows, columns] = [map.shape()[0], map.shape()[1]];
     let (mut scores, mut num_seen) = (Vec::new(), 0);
@@ -213,10 +235,7 @@ fn derivatives_are_those_of_differences() {
         ("\"filter.back\".reflectance", 0.02),
         ("\"filter.back\".transmittance", 0.02),
     ];
-    for (name, step) in steps {
-        let num_seen = check_difference(BENCH, name, step, &options, false);
-        assert!(num_seen > 20, "{name}: the derivative shows in {num_seen} pixels alone");
-    }
+    check_differences(BENCH, &steps, &options, false, 20);
     // So large a step lets enough rays cross the rim, where others are drawn in their place.
     let profile = r#""aperture_radius": 8.0, "profile": "gaussian", "gaussian_sigma": 5.0,"#;
     let gaussian = BENCH.replace(r#""aperture_radius": 8.0,"#, profile);
@@ -224,8 +243,7 @@ fn derivatives_are_those_of_differences() {
     // Ghosts of the rim cross the detector's edge as the rim moves, which no derivative sees: border pixels differ.
     for (name, step, has_border) in [("beam.gaussian_sigma", 0.1, false), ("beam.aperture_radius", 0.2, true)]
     {
-        let num_seen = check_difference(&gaussian, name, step, &options, has_border);
-        assert!(num_seen > 8, "{name}: the derivative shows in {num_seen} pixels alone");
+        check_differences(&gaussian, &[(name, step)], &options, has_border, 8);
     }
     let simple = r#"{"type": "simple", "reflectance": 0.2, "transmittance": 0.7}"#;
     let [low, high] = [
@@ -238,10 +256,8 @@ fn derivatives_are_those_of_differences() {
     );
     let text = BENCH.replace(simple, &tabulated);
     assert_ne!(text, BENCH);
-    for name in ["\"filter.back\".reflectance.0.0", "\"filter.back\".transmittance.1.1"] {
-        let num_seen = check_difference(&text, name, 0.02, &options, false);
-        assert!(num_seen > 8, "{name}: the derivative shows in {num_seen} pixels alone");
-    }
+    let numbers = [("\"filter.back\".reflectance.0.0", 0.02), ("\"filter.back\".transmittance.1.1", 0.02)];
+    check_differences(&text, &numbers, &options, false, 8);
 }
 
 /// A place in a truncated Gaussian beam keeps its share of the light within, so that a wider beam leaves none beyond the rim.
@@ -310,10 +326,7 @@ fn derivatives_of_elements_are_those_of_differences() {
         ("gap_1", 0.1),
         ("gap_2", 0.1),
     ];
-    for (name, step) in steps {
-        let num_seen = check_difference(&bench_of_elements(), name, step, &options, false);
-        assert!(num_seen > 20, "{name}: the derivative shows in {num_seen} pixels alone");
-    }
+    check_differences(&bench_of_elements(), &steps, &options, false, 20);
 }
 
 /// The chain rule: an element's derivative is the sum of those of the numbers that its name moves, each as much as it moves.
@@ -387,10 +400,7 @@ fn derivatives_of_shapes_are_those_of_differences() {
                 {{"name": "S", "shape": {{"type": {shape}, "aperture_radius": 10}}, "interaction": "refractive",
                     "material_back": {{"type": "medium", "name": "glass"}}, "cs": {{}}}}]}}}}"#
         );
-        for (name, step) in numbers {
-            let num_seen = check_difference(&text, name, *step, &options, false);
-            assert!(num_seen > 8, "{shape} {name}: the derivative shows in {num_seen} pixels alone");
-        }
+        check_differences(&text, numbers, &options, false, 8);
     }
 }
 
@@ -444,10 +454,7 @@ fn derivatives_of_scattered_light_are_those_of_differences() {
             &[("S.transmissive_fraction", 0.02), ("S.scatter_fraction", 0.02), ("glass.n", 0.02)],
         ),
     ] {
-        for (name, step) in numbers {
-            let num_seen = check_difference(&scene(interaction, bsdf, at), name, *step, &options, true);
-            assert!(num_seen > 8, "{bsdf} {name}: the derivative shows in {num_seen} pixels alone");
-        }
+        check_differences(&scene(interaction, bsdf, at), numbers, &options, true, 8);
     }
 }
 
@@ -1159,7 +1166,7 @@ fn errors_planted_in_the_way_back_are_found() {
         let edit = planted(text, wrong);
         let of = |edit: Option<&dyn Fn(String) -> String>| {
             // An error may leave nothing, as if the parameter acted at edges alone.
-            let how = How { edit, with_edges: true, ..How::default() };
+            let how = How { edit, with_edges: true, ..how() };
             scene.loss_gradient(zoo::gpu(), &options, how, &adjoints, |_| true).unwrap().values[0]
         };
         let (right, found) = (of(None), of(Some(&edit)));
@@ -1230,10 +1237,7 @@ fn coefficients_of_aspheres_have_derivatives() {
     let names = ["front.coefficients.0", "front.coefficients.1", "front.coefficients.2", "front.radius"];
     let options = zoo::options(50_000, 5, Precision::F64);
     assert_eq!(check_back("asphere", text, &names, &options, 1e-11), 0);
-    for (name, step) in [(names[0], 2e-6), (names[1], 4e-7)] {
-        let num_seen = check_difference(text, name, step, &options, false);
-        assert!(num_seen > 5, "the derivative by {name} shows in {num_seen} pixels alone");
-    }
+    check_differences(text, &[(names[0], 2e-6), (names[1], 4e-7)], &options, false, 5);
 }
 
 /// A short difference of two traces confirms the gradient of a loss of light that stays clear of edges, and of no other.

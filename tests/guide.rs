@@ -25,7 +25,11 @@ use nsq_gpu::{Error, TraceOptions};
 use std::sync::Arc;
 
 fn with_table(num_rays: u64, seed: u64, precision: Precision) -> TraceOptions {
-    TraceOptions { collect: Collect::paths(), max_depth: 40, ..zoo::options(num_rays, seed, precision) }
+    zoo::tuned(TraceOptions {
+        collect: Collect::paths(),
+        max_depth: 40,
+        ..zoo::options(num_rays, seed, precision)
+    })
 }
 
 /// The rows of a table, by their sequences: flux and standard error \[W\].

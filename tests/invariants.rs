@@ -699,7 +699,7 @@ fn counts(tally: &Tally) -> Vec<u64> {
 
 #[test]
 fn scenes_in_tables_agree_with_scenes_compiled_in() {
-    for name in zoo::scenes() {
+    for (_, name) in zoo::scenes_in_turn() {
         let ir = zoo::load(&name);
         let options = zoo::options(3000, 2, Precision::F64);
         let [baked, tables] = [true, false]

@@ -22,7 +22,7 @@ const ROULETTE_STARTS: [f64; 2] = [1e-3, 0.4];
 /// turn: over the scenes, all meet all.
 fn assert_ledgers_close(precision: Precision, native: bool) {
     let gpu = if native { zoo::gpu() } else { zoo::portable_gpu() };
-    for (k, name) in zoo::scenes().into_iter().enumerate() {
+    for (k, name) in zoo::scenes_in_turn() {
         let mut ir = zoo::load(&name);
         let refracts = ir.surfaces.iter().any(|surface| surface.interaction == Interaction::Refractive);
         // Without refraction every policy makes the same program.

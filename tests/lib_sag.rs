@@ -16,7 +16,7 @@ use nsq_gpu::program::wgsl::library::{self, Integers, Real};
 use std::f64::consts::TAU;
 
 /// Surfaces of a kind: in `make test`, and in the long tests.
-const FEW_SURFACES: u64 = 16;
+const FEW_SURFACES: u64 = 8;
 const MANY_SURFACES: u64 = 48;
 const RAYS_PER_SURFACE: u64 = 48;
 const MISS: f64 = 1e37;

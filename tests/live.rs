@@ -16,7 +16,7 @@ use std::io::Write;
 use std::path::Path;
 
 use bits::{hash, precision};
-use files::{json_files, repository};
+use files::{json_files, repository, scenes_in_turn};
 use nsq_gpu::gpu::{AdapterChoice, Gpu};
 use nsq_gpu::model::SceneIr;
 use nsq_gpu::program::Precision;
@@ -88,7 +88,7 @@ fn every_scene_gives_the_committed_bits() {
     let (gpu, cache) = (gpu(), PipelineCache::new());
     let committed = bits::committed();
     let mut differ = Vec::new();
-    for (i, name) in json_files("scenes").into_iter().enumerate() {
+    for (i, name) in scenes_in_turn() {
         let ir = model(&text(&name)).unwrap();
         let mut tracer = cached(&gpu, &ir, &options(precision(i), true), &cache).unwrap();
         if hash(&tracer.trace(|_| true).unwrap()) != committed[&name] {

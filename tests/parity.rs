@@ -66,6 +66,19 @@ fn every_scene_has_a_committed_oracle_and_every_oracle_a_scene() {
 }
 
 #[test]
+fn the_turns_have_every_scene_once() {
+    for scene in 0..zoo::scenes().len() {
+        let turns = (7..7 + zoo::NUM_TURNS).filter(|turn| zoo::is_of_turn(scene, *turn));
+        assert_eq!(turns.count(), 1, "{scene}");
+    }
+    // Each remainder of five tiers and of three is in each turn.
+    for (turn, tiers) in (0..zoo::NUM_TURNS).flat_map(|turn| [(turn, 3), (turn, 5)]) {
+        let of_turn = (0..zoo::scenes().len()).filter(|scene| zoo::is_of_turn(*scene, turn));
+        assert_eq!(of_turn.map(|scene| scene % tiers).collect::<BTreeSet<usize>>().len(), tiers, "{turn}");
+    }
+}
+
+#[test]
 fn f64_agrees_with_the_reference_ray_for_ray() {
     let mut violations = Vec::new();
     for name in zoo::scenes() {
@@ -221,7 +234,7 @@ fn flips(ours: &Fates, theirs: &Fates) -> usize {
 #[test]
 fn every_surface_is_hit_as_often_as_in_the_reference() {
     let mut differ = Vec::new();
-    for name in zoo::scenes() {
+    for (_, name) in zoo::scenes_in_turn() {
         let oracle = oracle::load(&name);
         if oracle.chaotic {
             continue;

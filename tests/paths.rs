@@ -53,7 +53,7 @@ fn assert_rows_add_up(ir: &SceneIr, tally: &Tally, has_ends: bool, what: &str) {
 
 #[test]
 fn rows_add_up_to_what_detectors_and_ends_have_in_every_scene() {
-    for (k, name) in zoo::scenes().into_iter().enumerate() {
+    for (k, name) in zoo::scenes_in_turn() {
         let ir = zoo::load(&name);
         let (gpu, precision) = match k % 5 {
             4 => (zoo::gpu(), Precision::Df64),
@@ -97,7 +97,7 @@ fn expressions(ir: &SceneIr) -> Vec<String> {
 /// rows whose sequences match, by the evaluation on the host.
 #[test]
 fn a_filter_and_its_opposite_add_up_to_the_whole_map() {
-    for (k, name) in zoo::scenes().into_iter().enumerate() {
+    for (k, name) in zoo::scenes_in_turn() {
         let ir = zoo::load(&name);
         let all = expressions(&ir);
         let expression = &all[k % all.len()];

@@ -74,7 +74,7 @@ fn the_predicted_error_of_f32_bounds_the_measured_one_and_is_not_loose() {
     }
     let mut ratios = Vec::new();
     let mut faults = Vec::new();
-    for name in zoo::scenes() {
+    for (_, name) in zoo::scenes_in_turn() {
         let ir = zoo::load(&name);
         for (arrivals, detector) in
             compared(&ir).into_iter().zip(&ir.detectors).filter(|(a, _)| a.len() >= 100)
@@ -121,7 +121,7 @@ const NEED_F64: [&str; 6] = [
 
 #[test]
 fn auto_takes_f64_where_it_is_needed_and_says_why() {
-    for name in zoo::scenes() {
+    for (_, name) in zoo::scenes_in_turn() {
         let ir = zoo::load(&name);
         let errors = predict(zoo::gpu(), &ir, &zoo::options(100_000, 0, Precision::F32)).unwrap();
         let need = Need::of(&ir, &errors);

@@ -9,11 +9,11 @@ use crate::program::parsed::Parsed;
 use crate::program::{Precision, Program};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Compiled shaders by their text, for one device. The shaders that were used last are kept.
-#[derive(Default)]
+/// Compiled shaders by their text, for one device. The shaders that were used last are kept. Clones share them.
+#[derive(Clone, Default)]
 pub struct PipelineCache {
     /// The one used last stands at the end.
-    shaders: Mutex<Vec<Shader>>,
+    shaders: Arc<Mutex<Vec<Shader>>>,
 }
 
 struct Shader {

@@ -8,6 +8,7 @@ use crate::engine::dispatch_size::DispatchSize;
 use crate::engine::limits::{DispatchLimits, counts_per_ray};
 use crate::engine::moments::MomentSource;
 use crate::engine::options::TraceOptions;
+use crate::engine::pipeline_cache::PipelineCache;
 use crate::engine::readback::Counted;
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
@@ -29,6 +30,8 @@ pub(crate) struct TracePlan {
     pub(super) limits: DispatchLimits,
     /// Most rays of a dispatch; buffers are made for this number.
     pub(crate) batch: u32,
+    /// Compiled shaders of earlier traces, for a trace of the same rays again.
+    pub(crate) cache: Option<PipelineCache>,
 }
 
 /// The largest uniform buffer that WebGPU promises \[bytes\].

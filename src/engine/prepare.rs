@@ -59,6 +59,7 @@ impl TracePlan {
             options: options.clone(),
             limits,
             program,
+            cache: shaders.cache.cloned(),
         })
     }
 }

@@ -5,6 +5,7 @@ use crate::engine::dispatch::write_streamed;
 use crate::engine::dispatch_size::DispatchSize;
 use crate::engine::options::{Collect, TraceOptions};
 use crate::engine::pipeline_cache::Shaders;
+use crate::engine::plan::TracePlan;
 use crate::engine::retrace::{After, Batch, Retrace, Retracing, trace_again};
 use crate::engine::rows::read_events;
 use crate::engine::stages::ExtraBindings;
@@ -50,14 +51,16 @@ impl Retracing for Once {
 }
 
 impl PathReplay {
-    /// Compiles the program.
-    pub(crate) fn new(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Result<Self> {
+    /// Compiles the program for the rays of a plan, if no earlier trace has.
+    pub(crate) fn new(gpu: &Gpu, ir: &SceneIr, plan: &TracePlan) -> Result<Self> {
+        let options = &plan.options;
         let is_strict = options.is_strict(&gpu.info);
         let ends = matches!(options.collect, Collect::Paths { ends: true, .. });
         let collect = Collect::Events { ends };
         let options = TraceOptions { collect, batch_size: Some(MOST_LISTED), ..options.clone() };
         let additions = FollowedPaths::additions(&options);
-        let again = Retrace::new(gpu, ir, &options, additions, Shaders::default())?;
+        let again =
+            Retrace::new(gpu, ir, &options, additions, Shaders { cache: plan.cache.as_ref(), edit: None })?;
         let ids = gpu.buffer("listed rays", u64::from(again.plan.batch) * 16)?;
         let device = again.open(gpu, ExtraBindings::of([(bindings::LISTED_IDS, ids.clone())]))?;
         Ok(PathReplay { again, device, ids, is_strict })

@@ -166,7 +166,7 @@ impl PathHashTable {
         }
         let replay = match &mut self.replay {
             Some(replay) => replay,
-            none => none.insert(PathReplay::new(gpu, ir, &plan.options)?),
+            none => none.insert(PathReplay::new(gpu, ir, plan)?),
         };
         self.known.extend(replay.find(&unknown)?);
         Ok(())

@@ -1,4 +1,5 @@
 //! Files of the repository that tests read.
+#![allow(dead_code, reason = "each test binary compiles the helpers and uses its part of them")]
 
 use std::path::{Path, PathBuf};
 
@@ -17,4 +18,23 @@ pub fn json_files(folder: &str) -> Vec<String> {
         .collect();
     names.sort();
     names
+}
+
+/// In so many turns a test traces every scene.
+pub const NUM_TURNS: usize = 3;
+
+/// The scenes of this run with their numbers. `NSQ_GPU_TURN` is a number, whose remainder chooses a third of them; without
+/// it, or where it is `all`, they are all of them. `make test` counts commits, so three in a row test all.
+pub fn scenes_in_turn() -> impl Iterator<Item = (usize, String)> {
+    let turn = std::env::var("NSQ_GPU_TURN").ok().filter(|turn| turn != "all");
+    let turn: Option<usize> = turn.map(|turn| turn.parse().expect("NSQ_GPU_TURN is a number or `all`"));
+    json_files("scenes")
+        .into_iter()
+        .enumerate()
+        .filter(move |(scene, _)| turn.is_none_or(|turn| is_of_turn(*scene, turn)))
+}
+
+/// Tests take tiers, filters and policies by the number of a scene. So a turn has no fixed remainder of these numbers.
+pub fn is_of_turn(scene: usize, turn: usize) -> bool {
+    (scene + scene / NUM_TURNS) % NUM_TURNS == turn % NUM_TURNS
 }

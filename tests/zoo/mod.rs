@@ -14,7 +14,8 @@ pub mod forced;
 use std::io::Write;
 
 use devices::Devices;
-pub use files::{json_files, repository};
+#[allow(unused_imports, reason = "each test binary uses its part of the helpers")]
+pub use files::{NUM_TURNS, is_of_turn, json_files, repository, scenes_in_turn};
 use forced::Asked;
 use nsq_gpu::gpu::{AdapterChoice, Gpu, Native};
 use nsq_gpu::guide::Guide;
@@ -105,6 +106,12 @@ pub fn load(name: &str) -> SceneIr {
 /// Options of a trace with so many rays.
 pub fn options(num_rays: u64, seed: u64, precision: Precision) -> TraceOptions {
     TraceOptions { num_rays, seed, precision, ..TraceOptions::default() }
+}
+
+/// The same with work cut for this test's device, as commands cut it. Where a ray may have more events than a dispatch
+/// follows, a second shader follows the rays that live on. Lavapipe follows four times as many in one dispatch.
+pub fn tuned(options: TraceOptions) -> TraceOptions {
+    options.tuned(&gpu().info)
 }
 
 /// A tracer as commands make it, on the device of this test.

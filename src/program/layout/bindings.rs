@@ -1,6 +1,7 @@
 //! The bindings of all shaders in one list. WGSL takes its numbers from here
 //! (`@group(GROUP_SCENE) @binding(BINDING_SUMS)`), and so does the host for its buffers.
 
+use std::collections::BTreeSet;
 use std::fmt::Write;
 
 /// Numbers with names, and the WGSL constants of these names.
@@ -100,9 +101,13 @@ numbers! { "BINDING_", BINDINGS_BETWEEN:
 
 /// A text, below the WGSL constants of what it names.
 pub fn declared(text: &str) -> String {
+    // Each text is read once, not once for each name: live answers compose often.
+    let in_parentheses =
+        text.split('(').filter(|rest| ["GROUP_", "BINDING_"].iter().any(|p| rest.starts_with(p)));
+    let named: BTreeSet<&str> = in_parentheses.filter_map(|rest| Some(rest.split_once(')')?.0)).collect();
     let mut constants = String::from("// ==== composed by program::layout::bindings\n");
     for (name, number) in [GROUPS, BINDINGS, BINDINGS_OF_QUEUES, BINDINGS_BETWEEN].concat() {
-        if text.contains(&format!("({name})")) {
+        if named.contains(name) {
             let _ = writeln!(constants, "const {name}: u32 = {number}u;");
         }
     }
@@ -112,7 +117,6 @@ pub fn declared(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::collections::BTreeSet;
 
     #[test]
     fn each_number_of_a_group_is_given_once() {
