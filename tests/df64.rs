@@ -108,7 +108,7 @@ fn positions_over_six_surfaces_and_200_mm_are_within_1e_10_mm() {
 
 #[test]
 fn every_ledger_closes_in_df64() {
-    for name in DIVERSE {
+    for name in zoo::in_turn(DIVERSE) {
         let (ir, options, tally) = trace(name, Precision::Df64);
         let ledger = zoo::result_of(&ir, &options, &tally).ledger;
         assert_eq!((ledger.imbalance_quanta, ledger.invalid_deposits), (0, 0), "{name}");

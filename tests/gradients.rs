@@ -235,6 +235,7 @@ fn derivatives_are_those_of_differences() {
         ("\"filter.back\".reflectance", 0.02),
         ("\"filter.back\".transmittance", 0.02),
     ];
+    let steps: Vec<(&str, f64)> = zoo::in_turn(steps).collect();
     check_differences(BENCH, &steps, &options, false, 20);
     // So large a step lets enough rays cross the rim, where others are drawn in their place.
     let profile = r#""aperture_radius": 8.0, "profile": "gaussian", "gaussian_sigma": 5.0,"#;
@@ -429,7 +430,7 @@ fn derivatives_of_scattered_light_are_those_of_differences() {
         "bsdf": [[0.3, 0.2, 0.1, 0.0], [0.4, 0.3, 0.2, 0.1], [0.5, 0.3, 0.1, 0.1]]}"#;
     let through = r#"{"type": "lambertian", "reflectance_value": 0.7, "transmissive_fraction": 0.6}"#;
     let lambertian = r#"{"type": "lambertian", "reflectance_value": 0.7}"#;
-    for (interaction, bsdf, at, numbers) in [
+    let laws = [
         (
             mirror,
             harvey_shack,
@@ -453,7 +454,8 @@ fn derivatives_of_scattered_light_are_those_of_differences() {
             [3.0, 12.0],
             &[("S.transmissive_fraction", 0.02), ("S.scatter_fraction", 0.02), ("glass.n", 0.02)],
         ),
-    ] {
+    ];
+    for (interaction, bsdf, at, numbers) in zoo::in_turn(laws) {
         check_differences(&scene(interaction, bsdf, at), numbers, &options, true, 8);
     }
 }
@@ -876,7 +878,7 @@ fn planted_errors_are_found() {
         ),
         ("ghosts", "glass.n", "reflected / p, reflects", "reflected, reflects"),
     ];
-    for (name, parameter, text, wrong) in errors {
+    for (name, parameter, text, wrong) in zoo::in_turn(errors) {
         let (scene, theirs) = of_oracle(name);
         let scene = differentiated(&scene, &[parameter]);
         let edit = planted(text, wrong);
@@ -1153,7 +1155,7 @@ fn errors_planted_in_the_way_back_are_found() {
         ("deep", "above.reflectance", "event % NUM_KEPT", "min(event, NUM_KEPT - 1u)"),
         ("deep", "above.reflectance", "left = first;", "left = 0u;"),
     ];
-    for (name, parameter, text, wrong) in errors {
+    for (name, parameter, text, wrong) in zoo::in_turn(errors) {
         let scene = match name {
             "deep" => DEEP.to_owned(),
             "bench" => BENCH.to_owned(),

@@ -171,7 +171,7 @@ fn every_number_of_every_scene_reaches_the_device() {
 fn check_numbers(every: usize, num_without_effect: usize) {
     let gpu = gpu();
     let (mut num_numbers, mut without_effect) = (0, Vec::new());
-    for name in json_files("scenes") {
+    for (_, name) in scenes_in_turn() {
         let (original, cache) = (document(&name), PipelineCache::new());
         let read = |ir: &SceneIr| {
             let tracer = cached(&gpu, ir, &options(Precision::F64, true), &cache).ok()?;

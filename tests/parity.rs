@@ -112,7 +112,7 @@ const IN_DF64: [&str; 8] = [
 
 #[test]
 fn df64_agrees_with_the_reference_ray_for_ray() {
-    for name in IN_DF64 {
+    for name in zoo::in_turn(IN_DF64) {
         let oracle = oracle::load(name);
         let ir = load_uncapped(name);
         let options = oracle_options(&oracle, Precision::Df64);

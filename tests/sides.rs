@@ -157,7 +157,7 @@ fn solids() -> Vec<(Vec<Value>, Vec<usize>)> {
 
 #[test]
 fn every_shape_inside_out_is_found_and_named_alone_and_in_a_lens() {
-    for (surfaces, faces) in solids() {
+    for (surfaces, faces) in zoo::in_turn(solids()) {
         for others in [Vec::new(), lens_behind()] {
             let what = format!("{} with {} more", surfaces[0], others.len());
             let ir = scene(&[surfaces.clone(), others].concat());
@@ -213,7 +213,7 @@ fn on_wrong_sides(tally: &Tally) -> u64 {
 
 #[test]
 fn a_trace_of_every_shape_inside_out_counts_rays_and_names_the_face() {
-    for (surfaces, faces) in solids() {
+    for (surfaces, faces) in zoo::in_turn(solids()) {
         let what = surfaces[0].to_string();
         let right = scene(&surfaces);
         let options = zoo::options(1000, 5, Precision::F32);
@@ -296,12 +296,13 @@ fn rays_on_wrong_sides_are_the_same_however_they_are_traced() {
         let detectors = tally.detectors.iter().map(|sums| (0, sums.ended_inside));
         surfaces.chain(detectors).collect::<Vec<_>>()
     };
-    for ir in [
+    let scenes = [
         leaking_guide(),
         zoo::load("split_ghosts"),
         zoo::load("coated_projector"),
         zoo::load("ball_lens_ghosts"),
-    ] {
+    ];
+    for ir in zoo::in_turn(scenes) {
         let options = TraceOptions { strict: Strict::On, ..zoo::options(6000, 3, Precision::F32) };
         let expected = counts(&zoo::trace(&ir, &options));
         assert!(expected.iter().any(|count| *count != (0, 0)));

@@ -8,10 +8,10 @@ from __future__ import annotations
 import json
 import os
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import optiland.backend as be
@@ -28,12 +28,24 @@ from tests import oracle, parity
 from tests.agreement import Agreement, compare, compare_split
 from tests.oracle import Json
 
+T = TypeVar("T")
 ROOT = Path(__file__).resolve().parents[2]
 SCENES = sorted((ROOT / "scenes").glob("*.json"))
 KINDS = {"IrradianceDetector": "irradiance", "SpectralDetector": "spectral", "FarFieldDetector": "far_field",
          "RayDatabaseDetector": "ray_database", "SphereFarField": "far_field"}
 #: Largest difference of a recorded path's column, in units of its largest magnitude.
 PATH_LIMIT = 1e-9
+
+
+def in_turn(items: Iterable[T]) -> list[T]:
+    """Return this run's third of some items: that of the number `NSQ_GPU_TURN`; all of them without it, or where it is `all`.
+
+    As in tests/zoo/files.rs. `make test` counts commits, so three in a row take all.
+    """
+    turn = os.environ.get("NSQ_GPU_TURN", "all")
+    if turn == "all":
+        return list(items)
+    return [item for number, item in enumerate(items) if (number + number // 3) % 3 == int(turn) % 3]
 
 
 def same_rows(table: np.ndarray, other: np.ndarray) -> bool:

@@ -40,7 +40,7 @@ from optiland.samples.objectives import CookeTriplet
 import nsq_gpu
 from nsq_gpu import compare
 from tests import live, parity
-from tests.live import SCENES, agreement, assert_equals_numpy, assert_same_paths, backend, bench, cs, glass, traced
+from tests.live import SCENES, agreement, assert_equals_numpy, assert_same_paths, backend, bench, cs, glass, in_turn, traced
 from tests.oracle import Json
 
 matplotlib.use("Agg")
@@ -54,7 +54,7 @@ def side(name: str, scene: NSQScene, result: Any, figures: Json) -> compare.Side
     return compare.Side(name, result, hits, 1.0, 1.0, splits=scene.sampling_policy.split_depth > 0)
 
 
-@pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", in_turn(SCENES), ids=lambda path: path.stem)
 def test_equals_numpy(path: Path) -> None:
     scene, capped = live.load(path), live.caps(path)
     result, ours = traced(scene, NUM_RAYS, backend(), record_paths=300)

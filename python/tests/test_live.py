@@ -1,4 +1,4 @@
-"""The binary against NumpyBackend, live, on every scene: ray for ray in f64, by counts in f32."""
+"""The binary against NumpyBackend, live, on every scene in its turn: ray for ray in f64, by counts in f32."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests import parity
+from tests import live, parity
 from tests.conftest import ROOT
 from tests.oracle import Json
 
@@ -21,7 +21,7 @@ def options(precision: str) -> argparse.Namespace:
     return argparse.Namespace(num_rays=NUM_RAYS, seed=0, precision=precision)
 
 
-@pytest.fixture(scope="module", params=[scene for scene in SCENES if scene not in CHAOTIC], ids=lambda path: path.stem)
+@pytest.fixture(scope="module", params=[scene for scene in live.in_turn(SCENES) if scene not in CHAOTIC], ids=lambda path: path.stem)
 def traced(request: pytest.FixtureRequest) -> tuple[Path, Json]:
     """A scene and the oracle's result, which both precisions are compared with."""
     document = json.loads(request.param.read_text(encoding="utf-8"))

@@ -85,7 +85,7 @@ def path_of(row: Any) -> Path:
     return Path(row["sequence"].split(" > ")[0], row["steps"], row["detector"])
 
 
-@pytest.fixture(scope="module", params=NAMES)
+@pytest.fixture(scope="module", params=live.in_turn(NAMES))
 def name(request: pytest.FixtureRequest) -> str:
     """A scene. Tests of one scene are neighbours, which share its traces."""
     return request.param

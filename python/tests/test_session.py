@@ -28,7 +28,7 @@ from nsq_gpu.export import export, to_json
 from nsq_gpu.results import warn_of
 from nsq_gpu.session import Session
 from tests import live
-from tests.live import SCENES, cs, glass
+from tests.live import SCENES, cs, glass, in_turn
 
 posix_only = pytest.mark.skipif(os.name == "nt", reason="signals and forks are POSIX's")
 NUM_RAYS = 2000
@@ -58,7 +58,7 @@ def command(path: Path, folder: Path, *options: str) -> dict[str, np.ndarray]:
     return found
 
 
-@pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", in_turn(SCENES), ids=lambda path: path.stem)
 def test_a_session_has_the_bits_of_the_command(path: Path, tmp_path: Path) -> None:
     expected = command(path, tmp_path / "out", "-n", str(NUM_RAYS), "--precision=f64", "--strict")
     report = json.loads((tmp_path / "out" / "report.json").read_text())

@@ -3,6 +3,8 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, clippy::print_stdout, reason = "a test fails by panicking")]
 
+#[path = "../zoo/files.rs"]
+mod files;
 mod layouts;
 mod snapshots;
 mod targets;
@@ -153,7 +155,7 @@ fn f64_native_variants_are_valid_where_everything_has_64_bits() {
 /// In one tier of each precision, unlike in integers and in whether scenes are compiled in.
 #[test]
 fn full_scenes_are_written_with_and_without_checks() {
-    check_full_scenes(Tier::all().into_iter().step_by(5));
+    check_full_scenes(files::in_turn(Tier::all().into_iter().step_by(5)));
 }
 
 #[test]

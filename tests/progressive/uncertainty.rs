@@ -206,7 +206,7 @@ fn intervals_of_pixels_that_sources_light_unequally_are_not_too_narrow() {
 #[test]
 fn intervals_hold_where_rays_come_by_a_pixel_several_times() {
     // A transmissive detector in a cavity: no deposit is independent of the ray's others.
-    for splat in [Splat::Hard, Splat::Bilinear, Splat::Gaussian { sigma: 0.7 }] {
+    for splat in zoo::in_turn([Splat::Hard, Splat::Bilinear, Splat::Gaussian { sigma: 0.7 }]) {
         let ir = coarse("bench_cavity", 4, Some(splat));
         assert!(!ir.detectors[0].absorb);
         assert_covers(&format!("{splat:?}, eight visits"), &ir, 1000, 1000);

@@ -20,21 +20,24 @@ pub fn json_files(folder: &str) -> Vec<String> {
     names
 }
 
-/// In so many turns a test traces every scene.
+/// In so many turns a test has every case.
 pub const NUM_TURNS: usize = 3;
 
-/// The scenes of this run with their numbers. `NSQ_GPU_TURN` is a number, whose remainder chooses a third of them; without
-/// it, or where it is `all`, they are all of them. `make test` counts commits, so three in a row test all.
-pub fn scenes_in_turn() -> impl Iterator<Item = (usize, String)> {
+/// The cases of this run, of all cases of a test that takes long. `NSQ_GPU_TURN` is a number, whose remainder chooses a third
+/// of them; without it, or where it is `all`, they are all of them. `make test` counts commits, so three in a row have all.
+pub fn in_turn<T>(cases: impl IntoIterator<Item = T>) -> impl Iterator<Item = T> {
     let turn = std::env::var("NSQ_GPU_TURN").ok().filter(|turn| turn != "all");
     let turn: Option<usize> = turn.map(|turn| turn.parse().expect("NSQ_GPU_TURN is a number or `all`"));
-    json_files("scenes")
-        .into_iter()
-        .enumerate()
-        .filter(move |(scene, _)| turn.is_none_or(|turn| is_of_turn(*scene, turn)))
+    let is_of_this = move |case: usize| turn.is_none_or(|turn| is_of_turn(case, turn));
+    cases.into_iter().enumerate().filter(move |(case, _)| is_of_this(*case)).map(|(_, case)| case)
 }
 
 /// Tests take tiers, filters and policies by the number of a scene. So a turn has no fixed remainder of these numbers.
-pub fn is_of_turn(scene: usize, turn: usize) -> bool {
-    (scene + scene / NUM_TURNS) % NUM_TURNS == turn % NUM_TURNS
+pub fn is_of_turn(case: usize, turn: usize) -> bool {
+    (case + case / NUM_TURNS) % NUM_TURNS == turn % NUM_TURNS
+}
+
+/// The scenes of this run, with their numbers.
+pub fn scenes_in_turn() -> impl Iterator<Item = (usize, String)> {
+    in_turn(json_files("scenes").into_iter().enumerate())
 }
