@@ -28,7 +28,7 @@ fn measured(choose: impl Fn(&StabilityCase) -> bool) -> Vec<Row> {
         let outcomes = precisions.iter().map(|&p| (p, case.measure(gpu, p).unwrap())).collect();
         Row { case, outcomes }
     };
-    cases().unwrap().into_iter().filter(choose).map(measure).collect()
+    zoo::in_turn(cases().unwrap()).filter(choose).map(measure).collect()
 }
 
 #[test]
@@ -75,8 +75,9 @@ fn what_is_no_number_reaches_no_sum_and_is_reported() {
         "ray.direction.y = -planted_infinity();",
     ];
     let precisions = precisions(zoo::gpu());
-    for (scene, baked) in [("bench_lens", true), ("tessar_gaussian_beams", false), ("searchlight", true)] {
-        for &precision in &precisions {
+    let scenes = [("bench_lens", true), ("tessar_gaussian_beams", false), ("searchlight", true)];
+    for &precision in &precisions {
+        for (scene, baked) in zoo::in_turn(scenes) {
             // The seventh's rays gone at once: what the others bring.
             let others = with_plant(scene, precision, baked, "ray.fate = ESCAPED;");
             assert!(others.ledger.closes());
