@@ -1,8 +1,10 @@
 # make demo        traces a Cooke triplet into demo-out/
-# make test        formatting, lints, the tests in Rust, and the comparison with Optiland's NumPy backend
+# make test        the tests in Rust and in Python, beside Optiland's NumPy backend
+# make lint        formatting, words of documents and comments, clippy
 # make bench       measures how fast this machine traces, against Optiland, into bench-out/ (BENCH_ARGS for more)
 # make bench-live  times traces that stay in one process, beside NumPy, and Torch and Dr.Jit where they are installed
 # make accuracy    draws error against time for every tier, sampler and setting, and beside Optiland, into accuracy-out/
+# make test-plain  the same bits from a build without the CPU backend
 # make test-long   the tests that take long, which `make test` leaves out (LONG_ARGS: some of them)
 # make gpu-report  what this machine's adapter does: agreement, bits, speed, into gpu-report-out/; wants no network
 # make test-random the comparison with NumPy on RANDOM_SCENES random scenes from RANDOM_SEED (`make test` has 36)
@@ -63,7 +65,7 @@ WHEEL_PROFILE = release
 # What measures stands beside what it measures.
 FAST_BENCH = $(dir $(FAST_BINARY))nsq-bench
 
-.PHONY: demo docs notebooks test-docs browser wheel test-wheel bench bench-live accuracy fast-binary test test-rust test-python test-random test-torch test-drivers test-long test-plain test-bare gpu-report build adapter display rust-components clean
+.PHONY: demo docs notebooks test-docs browser wheel test-wheel bench bench-live accuracy fast-binary lint test test-rust test-python test-random test-torch test-drivers test-long test-plain test-bare gpu-report build adapter display rust-components clean
 
 demo:
 	@$(MAKE) --no-print-directory adapter BINARY=$(FAST_BINARY) BUILD_ARGS="--release -p nsq-gpu"
@@ -112,12 +114,13 @@ notebooks: adapter .venv/installed
 
 test: test-rust test-python
 
-test-rust: adapter rust-components display
+lint: rust-components
 	@$(PART) format 10 cargo fmt --check
 	@$(PART) words 10 $(PYTHON) tests/house/words.py
 	@$(PART) "words, planted" 10 $(PYTHON) tests/house/words.py --self-test
 	@$(PART) clippy 150 cargo clippy --workspace --all-targets -- -D warnings
-	@$(PART) test-plain 120 $(MAKE) --no-print-directory test-plain
+
+test-rust: adapter display
 	@$(PART) "Rust tests, built" 300 cargo test --no-run
 	@$(PART) "Rust tests" 1200 env RUST_TEST_THREADS="$${RUST_TEST_THREADS:-$(TEST_THREADS)}" $(RUST_TESTS)
 

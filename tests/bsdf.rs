@@ -146,7 +146,7 @@ fn integrating_spheres(reflectances: &[f64], num_rays: u64) {
 
 #[test]
 fn a_lambertian_wall_scatters_by_the_cosine() {
-    for precision in PRECISIONS {
+    for precision in zoo::in_turn(PRECISIONS) {
         for (transmissive_fraction, z) in [(0.0, -20.0), (1.0, 20.0)] {
             let bsdf = json!({ "type": "lambertian", "reflectance_value": 0.5,
                                "transmissive_fraction": transmissive_fraction });
@@ -212,7 +212,7 @@ fn a_harvey_shack_mirror_draws_the_lobe() {
     let lost = 1.0 - cdf(FRAC_PI_2);
     expected[0] += lost;
     expected.iter_mut().for_each(|share| *share *= num_rays as f64);
-    for precision in PRECISIONS {
+    for precision in zoo::in_turn(PRECISIONS) {
         let p = probability(&hits_by_theta(&ir, num_rays, precision), &expected);
         assert!(p > 1e-4, "{precision:?}: p = {p:e}");
         let sigma = (lost * (1.0 - lost) / num_rays as f64).sqrt();
@@ -294,7 +294,7 @@ fn a_k_correlation_mirror_draws_the_lobe() {
         let lost = 1.0 - cdf(FRAC_PI_2);
         expected[0] += lost;
         expected.iter_mut().for_each(|share| *share *= num_rays as f64);
-        for precision in [Precision::F32, Precision::Df64, Precision::F64] {
+        for precision in zoo::in_turn([Precision::F32, Precision::Df64, Precision::F64]) {
             let p = probability(&hits_by_theta(&ir, num_rays, precision), &expected);
             assert!(p > 1e-4, "{precision:?}, s = {s}: p = {p:e}");
             let sigma = (lost * (1.0 - lost) / num_rays as f64).sqrt();
@@ -466,7 +466,7 @@ fn rays_without_weight_do_not_make_errors_small() {
                       "num_pixels_x": 16, "num_pixels_y": 16 });
     let p = 5_f64.to_radians().sin().powi(2);
     let expected = ((1.0 - p) / (p * NUM_RAYS as f64)).sqrt();
-    for precision in PRECISIONS {
+    for precision in zoo::in_turn(PRECISIONS) {
         let result = trace(
             &scene(pencil(0.0), &[scatterer(tabulated(&table, 0.0))], std::slice::from_ref(&map)),
             NUM_RAYS,
@@ -695,7 +695,7 @@ fn a_table_that_is_the_same_at_every_angle_is_a_simple_coating() {
         let table = surface.coating.as_ref().unwrap().tabulated();
         surface.coating = Some(Coating::Tabulated(table));
     }
-    for precision in PRECISIONS {
+    for precision in zoo::in_turn(PRECISIONS) {
         let [simple, tabulated] = [&simple, &tabulated].map(|ir| trace(ir, 10_000, precision));
         for name in ["sky", "behind"] {
             assert_eq!(flux(&simple, name), flux(&tabulated, name), "{name}, {precision:?}");

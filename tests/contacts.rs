@@ -294,7 +294,7 @@ fn compare_with_a_gap(name: &str, tiers: &[Precision]) {
     let pairs = pairs();
     let pair = pairs.iter().find(|pair| pair.name == name).unwrap();
     let num_rays = 10_000;
-    for &precision in tiers {
+    for &precision in zoo::in_turn(tiers) {
         let what = format!("{name}, {precision:?}");
         let [together, apart] = [false, true].map(|is_apart| {
             let ir = stations(pair, is_apart);
@@ -373,7 +373,7 @@ fn random_frame(draws: &mut Draws) -> Frame {
 fn a_detector_in_a_surface_reads_nothing_and_changes_nothing() {
     let mut draws = Draws(11);
     for (i, shape) in flat_shapes().into_iter().enumerate() {
-        for (turn, precision) in TWO_TIERS.into_iter().enumerate() {
+        for (turn, precision) in zoo::in_turn(TWO_TIERS.into_iter().enumerate()) {
             let frame = random_frame(&mut draws);
             let kind = (i + turn) % 3;
             let surface = match kind {
@@ -415,7 +415,7 @@ fn a_detector_in_a_surface_reads_nothing_and_changes_nothing() {
 #[test]
 fn of_detectors_in_one_place_the_first_alone_reads() {
     let mut draws = Draws(12);
-    for precision in TIERS {
+    for precision in zoo::in_turn(TIERS) {
         let frame = random_frame(&mut draws);
         let beam = SourceKind::Collimated(Collimated { aperture_radius: 3.0, sigma: None });
         let sources = vec![lamp(within(&frame, &at(-8.0)), beam, VACUUM)];
@@ -460,7 +460,7 @@ fn a_source_on_a_surface_leaves_it() {
     shapes.push((at(-5.0), Shape::Sphere(Sphere { radius: 5.0, aperture_radius: None })));
     shapes.push((at(0.0), Shape::Conic(Conic { curvature: -0.05, conic: 0.0, aperture_radius: 6.0 })));
     for (i, (place, shape)) in shapes.into_iter().enumerate() {
-        for precision in TWO_TIERS {
+        for precision in zoo::in_turn(TWO_TIERS) {
             let in_tables = (i % 2 == 0) == (precision == Precision::F32);
             {
                 let frame = random_frame(&mut draws);
@@ -488,7 +488,7 @@ fn a_source_on_a_surface_leaves_it() {
 #[test]
 fn doubled_facets_are_as_one() {
     let mut draws = Draws(15);
-    for precision in TIERS {
+    for precision in zoo::in_turn(TIERS) {
         let frame = random_frame(&mut draws);
         let beam = SourceKind::Collimated(Collimated { aperture_radius: 3.0, sigma: None });
         let read = [SHEET, DOUBLED_SHEET].map(|mesh| {
@@ -543,7 +543,7 @@ fn bodies_of_one_mesh_in_touch_are_crossed_as_two() {
     let mut draws = Draws(17);
     // Four boundaries of reflectance R = 0.04 at normal incidence: (1 - R) / (1 + 3 R) (Stokes).
     let transmitted = 0.96 / 1.12;
-    for precision in TWO_TIERS {
+    for precision in zoo::in_turn(TWO_TIERS) {
         let frame = random_frame(&mut draws);
         let bodies = face("bodies", frame, Shape::Mesh(MeshId(0)), GLASS, VACUUM);
         let beam = SourceKind::Collimated(Collimated { aperture_radius: 3.0, sigma: None });
@@ -590,7 +590,7 @@ fn far_fields_blur_nothing_near() {
         lamp(at(-3.0), beam, VACUUM),
     ];
     let detectors = vec![screen("back", at(-4.0), 60.0, true), sky(-50.0), sky(-50.0), sky(60.0)];
-    for precision in TWO_TIERS {
+    for precision in zoo::in_turn(TWO_TIERS) {
         let traced = result(
             &scene(vec![reflector.clone()], lamps.clone(), detectors.clone()),
             &options(2_000, precision),

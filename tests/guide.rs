@@ -234,7 +234,7 @@ fn weights_keep_their_bound() {
 fn orders_of_a_coated_plate_are_those_of_the_closed_form() {
     let ir = nsq_gpu::Scene::from_json(PLATE).unwrap().lower().unwrap();
     let (r, t) = ([0.01_f64, 0.002], [0.985_f64, 0.99]);
-    for precision in [Precision::F32, Precision::F64, Precision::Df64] {
+    for precision in zoo::in_turn([Precision::F32, Precision::F64, Precision::Df64]) {
         let options = with_table(60_000, 4, precision);
         let asked = guided(&ir, &options, 1 << 18, &Wanted { top: 4, ..Wanted::default() });
         let sums = zoo::trace(&ir, &asked).path_sums.unwrap();
@@ -308,7 +308,7 @@ fn light_of_faint_scatterers_is_that_of_the_closed_form() {
     const NUM_RAYS: u64 = 100_000;
     const FRACTION: f64 = 1e-3;
     let ir = scattering_plate(FRACTION);
-    for precision in [Precision::F32, Precision::F64, Precision::Df64] {
+    for precision in zoo::in_turn([Precision::F32, Precision::F64, Precision::Df64]) {
         // Which light is kept, by how often it reflects and scatters.
         type Keeps = fn(usize, usize) -> bool;
         let filters: [(Option<&str>, Keeps); 3] = [

@@ -83,7 +83,9 @@ fn has_same_bits(name: &str, options: &TraceOptions) -> bool {
 
 #[test]
 fn the_stage_gives_the_same_bits_in_some_scenes() {
-    for (name, precision) in SOME.into_iter().zip([Precision::F32, Precision::F64].into_iter().cycle()) {
+    for (name, precision) in
+        zoo::in_turn(SOME.into_iter().zip([Precision::F32, Precision::F64].into_iter().cycle()))
+    {
         assert!(has_same_bits(name, &options(precision)), "{name} has no hot path");
     }
 }
@@ -105,7 +107,9 @@ fn the_stage_gives_the_same_bits_in_every_scene_that_has_one() {
 #[test]
 #[ignore = "long"]
 fn small_batches_and_failed_rays_in_queues_have_the_same_bits() {
-    for (name, precision) in SOME.into_iter().zip([Precision::F32, Precision::F64].into_iter().cycle()) {
+    for (name, precision) in
+        zoo::in_turn(SOME.into_iter().zip([Precision::F32, Precision::F64].into_iter().cycle()))
+    {
         let options = TraceOptions { batch_size: Some(300), events_per_dispatch: 2, ..options(precision) };
         assert!(has_same_bits(name, &options), "{name} has no hot path");
     }
@@ -263,7 +267,7 @@ fn what_rays_weigh_and_where_they_arrive_again_is_not_logged() {
         (&two_sources(1.0), 5, 4000, Some(vec![3])),
         (&two_sources(1.0), 5, 4001, None),
     ] {
-        for precision in [Precision::F32, Precision::F64] {
+        for precision in zoo::in_turn([Precision::F32, Precision::F64]) {
             let options = TraceOptions { max_depth, num_rays, batch_size: Some(1500), ..options(precision) };
             assert_eq!(arrivals(ir, &options), expected, "{num_rays} rays to a depth of {max_depth}");
             let (tally, hot_path) = trace(ir, &with_hot_path(&options));
@@ -368,7 +372,7 @@ fn where_media_alone_take_from_rays_they_log_what_they_weigh() {
         (&past_a_mirror, None),
         (&zoo::load("bench_lens"), None),
     ] {
-        for precision in [Precision::F32, Precision::F64] {
+        for precision in zoo::in_turn([Precision::F32, Precision::F64]) {
             let rays = TraceOptions { num_rays: 20_000, batch_size: Some(5_500), ..options(precision) };
             assert_eq!(attenuating_legs(ir, &rays), expected, "in {precision:?}");
             let tally = trace(ir, &rays).0;
@@ -467,7 +471,7 @@ fn rays_failed_alike_follow_side_traces() {
         (tinted_lens_of_two_sources(air), [Some(0), Some(2)]),
         (tinted_lens_of_two_sources(glass), [Some(0), Some(2)]),
     ] {
-        for precision in [Precision::F32, Precision::F64] {
+        for precision in zoo::in_turn([Precision::F32, Precision::F64]) {
             let rays = TraceOptions { num_rays: 20_000, batch_size: Some(5_500), ..options(precision) };
             let mut tracer = with_hot_path(&rays).tracer(zoo::gpu(), &ir).unwrap();
             assert_eq!(side_traces(&tracer)[..2], there_and_back, "{precision:?}");
@@ -533,7 +537,7 @@ fn rays_that_do_not_escape_as_nearly_all_have_the_same_bits() {
         (plate_before_a_lens(), None, [".primitive == NONE) &", ".primitive != 99u) &"]),
         (ring_around_a_lens(), Some("past"), ["return exit_distance <= 0.0;", "return true;"]),
     ] {
-        for precision in [Precision::F32, Precision::F64] {
+        for precision in zoo::in_turn([Precision::F32, Precision::F64]) {
             let options = TraceOptions { num_rays: 100_000, ..options(precision) };
             let with = with_hot_path(&options);
             let mut tracer = with.tracer(zoo::gpu(), &ir).unwrap();
@@ -557,7 +561,7 @@ fn rays_failed_once_more_have_the_same_bits() {
     let mut num_failed = 0;
     for name in ["cooke_triplet", "triplet_telescope_ghosts", "stacked_plates_ghosts", "bench_cavity"] {
         let ir = zoo::load(name);
-        for precision in [Precision::F32, Precision::F64] {
+        for precision in zoo::in_turn([Precision::F32, Precision::F64]) {
             let options = TraceOptions { num_rays: 20_000, batch_size: Some(1000), ..options(precision) };
             let mut tracer = with_hot_path(&options).tracer(zoo::gpu(), &ir).unwrap();
             let tally = tracer.trace(|_| true).unwrap();
@@ -966,7 +970,7 @@ fn rays_that_are_not_clear_of_what_nearly_all_pass_have_the_same_bits() {
         window_between_two_sources(),
     ];
     for rare in rare {
-        for precision in [Precision::F32, Precision::F64] {
+        for precision in zoo::in_turn([Precision::F32, Precision::F64]) {
             let options = TraceOptions { num_rays: 40_000, ..options(precision) };
             let with = with_hot_path(&options);
             let (tally, hot_path) = trace(&rare.ir, &with);
@@ -1049,7 +1053,7 @@ proptest! {
         let mut ir = zoo::load("bench_lens");
         let turn = DQuat::from_axis_angle(DVec3::from_array(axis).normalize(), angle);
         ir.surfaces.push(speck(DVec3::from_array(place), speck_shape(kind, radius), turn));
-        for precision in [Precision::F32, Precision::F64] {
+        for precision in zoo::in_turn([Precision::F32, Precision::F64]) {
             let options = options(precision);
             let (tally, hot_path) = trace(&ir, &with_hot_path(&options));
             prop_assert!(hot_path.is_some());

@@ -53,7 +53,7 @@ fn assert_same_bits(num_rays: u64, changes: &[fn(&mut Forced)]) {
 
 /// The same with options that all the ways share.
 fn assert_same_bits_from(base: &impl Asked, changes: &[fn(&mut Forced)]) {
-    for (i, name) in DIVERSE.into_iter().chain(SCATTERING).enumerate() {
+    for (i, name) in zoo::in_turn(DIVERSE.into_iter().chain(SCATTERING).enumerate()) {
         let ir = zoo::load(name);
         for (k, precision) in PRECISIONS.into_iter().enumerate() {
             let in_turn = changes.iter().enumerate().filter(|(j, _)| (i + j + k) % 2 == 0);
@@ -282,7 +282,8 @@ fn an_invocation_follows_several_rays_where_none_outlives_it_and_loops_are_short
 /// and Gaussian splats between them, which are not.
 #[test]
 fn what_rays_leave_in_passing_adds_up_to_the_same_bits_on_host_and_device() {
-    for name in DIVERSE.into_iter().chain(["bench_cavity", "newtonian_telescope", "bench_lens"]) {
+    for name in zoo::in_turn(DIVERSE.into_iter().chain(["bench_cavity", "newtonian_telescope", "bench_lens"]))
+    {
         let mut ir = zoo::load(name);
         for detector in &mut ir.detectors {
             detector.absorb = false;
@@ -382,7 +383,7 @@ fn a_cavity_of_any_depth_has_the_same_bits_on_host_and_device() {
 fn pairs_of_32_bit_integers_give_the_same_bits_as_64_bit_ones() {
     assert!(zoo::gpu().int64, "lavapipe has 64-bit integers");
     assert!(!zoo::portable_gpu().int64);
-    for name in DIVERSE.into_iter().chain(SCATTERING) {
+    for name in zoo::in_turn(DIVERSE.into_iter().chain(SCATTERING)) {
         let ir = zoo::load(name);
         for precision in PRECISIONS {
             let options = zoo::options(3000, 11, precision);
@@ -432,7 +433,7 @@ fn sums_in_parts_are_the_same_bits_as_in_one() {
             options.overrides.rays_per_invocation = Some(7);
         },
     ];
-    for (i, name) in DIVERSE.into_iter().chain(SCATTERING).enumerate() {
+    for (i, name) in zoo::in_turn(DIVERSE.into_iter().chain(SCATTERING).enumerate()) {
         let ir = zoo::load(name);
         // Each scene in another precision, and with other integers, than the one before.
         let gpu = if i % 2 == 0 { zoo::gpu() } else { zoo::portable_gpu() };

@@ -68,12 +68,12 @@ fn every_scene_has_a_committed_oracle_and_every_oracle_a_scene() {
 #[test]
 fn the_turns_have_every_scene_once() {
     for scene in 0..zoo::scenes().len() {
-        let turns = (7..7 + zoo::NUM_TURNS).filter(|turn| zoo::is_of_turn(scene, *turn));
+        let turns = (7..7 + zoo::NUM_TURNS).filter(|turn| zoo::is_of_turn(scene, *turn, zoo::NUM_TURNS));
         assert_eq!(turns.count(), 1, "{scene}");
     }
     // Each remainder of five tiers and of three is in each turn.
     for (turn, tiers) in (0..zoo::NUM_TURNS).flat_map(|turn| [(turn, 3), (turn, 5)]) {
-        let of_turn = (0..zoo::scenes().len()).filter(|scene| zoo::is_of_turn(*scene, turn));
+        let of_turn = (0..zoo::scenes().len()).filter(|scene| zoo::is_of_turn(*scene, turn, zoo::NUM_TURNS));
         assert_eq!(of_turn.map(|scene| scene % tiers).collect::<BTreeSet<usize>>().len(), tiers, "{turn}");
     }
 }

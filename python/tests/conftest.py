@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests import parity
+from tests import live, parity
 from tests.agreement import Agreement
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -34,6 +34,15 @@ def report(request: pytest.FixtureRequest) -> Callable[[str, Path, Agreement], N
         assert not agreement.violations, "\n".join(agreement.violations)
 
     return judge
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leaves this run a third of the tests that are marked so."""
+    marked = [item for item in items if item.get_closest_marker("in_turn")]
+    kept = set(live.in_turn(marked))
+    left_out = [item for item in marked if item not in kept]
+    config.hook.pytest_deselected(items=left_out)
+    items[:] = [item for item in items if item not in set(left_out)]
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

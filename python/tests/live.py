@@ -38,14 +38,15 @@ PATH_LIMIT = 1e-9
 
 
 def in_turn(items: Iterable[T]) -> list[T]:
-    """Return this run's third of some items: that of the number `NSQ_GPU_TURN`; all of them without it, or where it is `all`.
+    """Return this run's third of some items, of two one: that of the number `NSQ_GPU_TURN`. Without it, or where it is `all`: all.
 
     As in tests/zoo/files.rs. `make test` counts commits, so three in a row take all.
     """
-    turn = os.environ.get("NSQ_GPU_TURN", "all")
+    turn, every = os.environ.get("NSQ_GPU_TURN", "all"), list(items)
     if turn == "all":
-        return list(items)
-    return [item for number, item in enumerate(items) if (number + number // 3) % 3 == int(turn) % 3]
+        return every
+    turns = min(max(len(every), 1), 3)
+    return [item for number, item in enumerate(every) if (number + number // turns) % turns == int(turn) % turns]
 
 
 def same_rows(table: np.ndarray, other: np.ndarray) -> bool:

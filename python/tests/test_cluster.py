@@ -28,6 +28,8 @@ from nsq_gpu.export import export, to_json
 from tests import live
 from tests.test_session import command, session, singlet
 
+pytestmark = pytest.mark.in_turn
+
 distributed = pytest.importorskip("distributed", reason="Dask is not installed")
 dask = pytest.importorskip("dask")
 posix_only = pytest.mark.skipif(os.name == "nt", reason="signals and scripts are POSIX's")

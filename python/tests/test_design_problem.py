@@ -22,6 +22,8 @@ from nsq_gpu.design.minimizing import METHODS, is_noise
 from tests import live
 from tests.live import cs
 
+pytestmark = pytest.mark.in_turn
+
 DIRECT = "reflections == 0"
 
 

@@ -39,7 +39,7 @@ pub fn tiers(test: &str) -> Vec<Tier> {
         skip("no 64-bit floats on this adapter");
         return vec![Tier { gpu, precision: Precision::F32 }];
     }
-    [Precision::F64, Precision::F32].map(|precision| Tier { gpu, precision }).into()
+    zoo::in_turn([Precision::F64, Precision::F32]).map(|precision| Tier { gpu, precision }).collect()
 }
 
 impl Tier {
