@@ -17,6 +17,8 @@ import accuracy
 import draw
 from accuracy import CLAIMS, GROUP, Estimate, Variances
 
+pytestmark = pytest.mark.in_turn
+
 PNG = b"\x89PNG\r\n\x1a\n"
 
 

@@ -45,6 +45,8 @@ from nsq_gpu.sources import Aim, PupilSource
 from tests import live
 from tools.prescriptions import compare, samples, sequential, transmitted
 
+pytestmark = pytest.mark.in_turn
+
 #: Samples that are refused, and what the refusal names.
 REFUSED = {"Microscope20x": "surface 11: light .* run back"}
 #: Samples whose mirrors stand in each other's light, which the sequential engine does not see.

@@ -23,6 +23,8 @@ from tests.lens_texts import seq, zmx
 from tests.test_convert import BACK, FRONT, REFUSED, lens
 from tools.prescriptions import samples
 
+pytestmark = pytest.mark.in_turn
+
 
 # The detector
 

@@ -34,7 +34,7 @@ from tests.test_session import NUM_RAYS, session, singlet
 posix_only = pytest.mark.skipif(os.name == "nt", reason="signals, pipes and modes are POSIX's")
 #: More rays than any test waits for.
 FOREVER = 10**11
-pytestmark = pytest.mark.filterwarnings("ignore::nsq_gpu.ResultWarning")
+pytestmark = [pytest.mark.filterwarnings("ignore::nsq_gpu.ResultWarning"), pytest.mark.in_turn]
 
 
 @contextmanager

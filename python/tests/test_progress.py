@@ -26,6 +26,8 @@ from nsq_gpu.progress import Counter, Shown, Update
 from tests import live
 from tests.live import bench
 
+pytestmark = pytest.mark.in_turn
+
 RADII = {"screen.z": [30.0, 31.0, 32.0]}
 NUM_RAYS = 50_000
 

@@ -29,6 +29,8 @@ from tests.live import cs
 from tests.test_nothing_lost import interrupted_after
 from tests.test_scattering import wall
 
+pytestmark = pytest.mark.in_turn
+
 matplotlib.use("Agg")
 posix_only = pytest.mark.skipif(os.name == "nt", reason="signals are POSIX's")
 
