@@ -65,7 +65,7 @@ WHEEL_PROFILE = release
 # What measures stands beside what it measures.
 FAST_BENCH = $(dir $(FAST_BINARY))nsq-bench
 
-.PHONY: demo docs notebooks test-docs browser wheel test-wheel bench bench-live accuracy fast-binary lint test test-rust test-python test-random test-torch test-drivers test-long test-plain test-bare gpu-report build adapter display rust-components clean
+.PHONY: demo docs notebooks test-docs browser wheel test-wheel bench bench-live accuracy fast-binary lint test in-turn test-rust test-python test-random test-torch test-drivers test-long test-plain test-bare gpu-report build adapter display rust-components clean
 
 demo:
 	@$(MAKE) --no-print-directory adapter BINARY=$(FAST_BINARY) BUILD_ARGS="--release -p nsq-gpu"
@@ -112,7 +112,10 @@ notebooks: adapter .venv/installed
 		../.venv/bin/python -m pytest -q --durations=5 tests/test_notebooks.py
 	@echo "written: notebooks-out"
 
-test: test-rust test-python
+test: in-turn test-rust test-python
+
+in-turn:
+	@[ "$(NSQ_GPU_TURN)" = all ] || echo "turn $(NSQ_GPU_TURN): tests of many cases take a third of them; NSQ_GPU_TURN=all takes all"
 
 lint: rust-components
 	@$(PART) format 10 cargo fmt --check
@@ -121,8 +124,8 @@ lint: rust-components
 	@$(PART) clippy 150 cargo clippy --workspace --all-targets -- -D warnings
 
 test-rust: adapter display
-	@$(PART) "Rust tests, built" 300 cargo test --no-run
-	@$(PART) "Rust tests" 1200 env RUST_TEST_THREADS="$${RUST_TEST_THREADS:-$(TEST_THREADS)}" $(RUST_TESTS)
+	@$(PART) "Rust tests, built" 150 cargo test --no-run
+	@$(PART) "Rust tests" 800 env RUST_TEST_THREADS="$${RUST_TEST_THREADS:-$(TEST_THREADS)}" $(RUST_TESTS)
 
 # Without the CPU backend: the plain loop alone. With the viewer, so that dependencies are those of all other tests.
 test-plain: adapter
@@ -139,7 +142,7 @@ gpu-report:
 	$(PYTHON) benches/gpu_report.py --binary $(firstword $(wildcard $(FAST_BINARY)) $(BINARY)) -o gpu-report-out $(REPORT_ARGS)
 
 test-python: adapter .venv/installed
-	@cd python && NSQ_GPU_BINARY=$(BINARY) $(PART) "Python tests" 300 ../.venv/bin/python -m pytest -rs $(PYTEST_WORKERS) tests \
+	@cd python && NSQ_GPU_BINARY=$(BINARY) $(PART) "Python tests" 450 ../.venv/bin/python -m pytest -rs $(PYTEST_WORKERS) tests \
 		--ignore tests/test_torch.py --ignore tests/test_torch_lenses.py
 
 test-random: adapter .venv/installed
