@@ -184,8 +184,8 @@ fn a_beam_has_its_full_width_at_half_maximum() {
 
 #[test]
 fn intervals_of_figures_hold_the_truth() {
-    // Of 40 seeds 95 % hold with a standard deviation of 3.4 %.
-    check_intervals(&["bilinear"], 40, 84.0..=100.0);
+    // Of 24 seeds 95 % hold with a standard deviation of 4.4 %.
+    check_intervals(&["bilinear"], 24, 81.0..=100.0);
 }
 
 #[test]

@@ -153,7 +153,9 @@ fn central_difference(text: &str, name: &str, step: f64, options: &TraceOptions)
     };
     let (more, less) = (at(value + step), at(value - step));
     let pair = nsq_gpu::run::difference::Pair::new(&more, less).unwrap();
-    pair.difference(zoo::gpu(), options, |_| true).unwrap()
+    // Both sides have one shape, and so one shader.
+    let options = TraceOptions { live: true, ..options.clone() };
+    pair.with_cache(zoo::shaders_of(zoo::gpu()).cache).difference(zoo::gpu(), &options, |_| true).unwrap()
 }
 
 /// Compares the first detector's map with differences of two traces, pixel by pixel, for each number and its step. Each
