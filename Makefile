@@ -146,7 +146,7 @@ test-python: adapter .venv/installed
 		--ignore tests/test_torch.py --ignore tests/test_torch_lenses.py
 
 test-random: adapter .venv/installed
-	cd python && NSQ_GPU_BINARY=$(BINARY) NSQ_GPU_RANDOM_SCENES=$(RANDOM_SCENES) NSQ_GPU_RANDOM_SEED=$(RANDOM_SEED) \
+	cd python && NSQ_GPU_TURN=all NSQ_GPU_BINARY=$(BINARY) NSQ_GPU_RANDOM_SCENES=$(RANDOM_SCENES) NSQ_GPU_RANDOM_SEED=$(RANDOM_SEED) \
 		../.venv/bin/python -m pytest $(PYTEST_WORKERS) tests/test_random.py
 
 test-torch: adapter .venv-torch/installed .venv-torch/optiland

@@ -99,7 +99,7 @@ fn listed(scene: &Value, elements: Value) -> Value {
 #[test]
 fn a_name_of_an_element_gives_the_scene_written_by_hand() {
     let mut num_compared = [0, 0];
-    for name in zoo::scenes() {
+    for (_, name) in zoo::scenes_in_turn() {
         let text = std::fs::read_to_string(zoo::repository(&format!("scenes/{name}.json"))).unwrap();
         let scene: Value = serde_json::from_str(&finite(&text)).unwrap();
         let names = entries(&scene);
@@ -130,7 +130,7 @@ fn a_name_of_an_element_gives_the_scene_written_by_hand() {
             }
         }
     }
-    assert!(num_compared[0] > 700 && num_compared[1] > 500, "{num_compared:?}");
+    assert!(num_compared[0] > 200 && num_compared[1] > 150, "{num_compared:?}");
 }
 
 /// A small number that is far from the file's number keeps its digits.

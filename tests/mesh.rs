@@ -117,7 +117,7 @@ fn a_closed_mesh_of_82_thousand_triangles_loses_none_of_1e7_rays() {
 fn loses_no_ray(num_rays: u64) {
     let ir = trap(icosphere(6, 10.0));
     assert!(ir.meshes[0].faces.len() >= 80_000);
-    for precision in PRECISIONS {
+    for precision in zoo::in_turn(PRECISIONS) {
         let tally = zoo::trace(&ir, &zoo::options(num_rays, 3, precision));
         assert_eq!(tally.escaped.count, 0, "{precision:?}");
         assert_eq!(tally.surfaces[0].absorbed.count, num_rays, "{precision:?}");
@@ -147,7 +147,7 @@ fn rod(segments: u32) -> Mesh {
 #[test]
 fn a_rod_with_fans_for_end_faces_loses_no_ray() {
     for segments in [360, 1440] {
-        for precision in PRECISIONS {
+        for precision in zoo::in_turn(PRECISIONS) {
             let tally = zoo::trace(&trap(rod(segments)), &zoo::options(20_000, 3, precision));
             assert_eq!(tally.escaped.count, 0, "{segments} segments, {precision:?}");
             assert_eq!(tally.surfaces[0].absorbed.count, 20_000, "{segments} segments, {precision:?}");
@@ -162,7 +162,7 @@ fn a_missing_triangle_lets_out_the_rays_that_aim_at_it() {
     let eye = ir.sources[0].frame.origin;
     let share = solid_angle(ir.meshes[0].corners(gap).map(|corner| corner - eye)) / (4.0 * PI);
     let num_rays = 1_000_000;
-    for precision in PRECISIONS {
+    for precision in zoo::in_turn(PRECISIONS) {
         let tally = zoo::trace(&ir, &zoo::options(num_rays, 3, precision));
         let expected = share * num_rays as f64;
         let escaped = tally.escaped.count as f64;
@@ -208,7 +208,7 @@ fn rays_at_a_board() -> SceneIr {
 fn rays_exactly_through_vertices_and_edges_hit() {
     let ir = rays_at_a_board();
     let num_rays = ir.sources.len() as u64;
-    for precision in PRECISIONS {
+    for precision in zoo::in_turn(PRECISIONS) {
         let tally = zoo::trace(&ir, &zoo::options(num_rays, 0, precision));
         assert_eq!(tally.surfaces[0].absorbed.count, num_rays, "{precision:?}");
     }
@@ -239,7 +239,7 @@ fn rays_at_the_vertices_and_edges_of_a_sphere_hit() {
     let targets: Vec<DVec3> = mesh.vertices.iter().copied().chain(middles).collect();
     let mut ir = trap(mesh);
     ir.sources = targets.iter().map(|target| laser(facing(eye, *target - eye))).collect();
-    for precision in PRECISIONS {
+    for precision in zoo::in_turn(PRECISIONS) {
         let tally = zoo::trace(&ir, &zoo::options(targets.len() as u64, 0, precision));
         assert_eq!(tally.escaped.count, 0, "{precision:?}");
     }
@@ -500,7 +500,7 @@ fn diverse() -> SceneIr {
 #[test]
 fn batches_queues_and_portable_integers_give_the_same_bits() {
     let ir = diverse();
-    for precision in PRECISIONS {
+    for precision in zoo::in_turn(PRECISIONS) {
         for baked in [true, false] {
             let options = TraceOptions { baked: Some(baked), ..zoo::options(20_000, 11, precision) };
             let plain = zoo::trace(&ir, &options);
@@ -550,7 +550,7 @@ fn a_mesh_placed_twice_is_two_meshes() {
     let mut twice = once.clone();
     twice.meshes.push(once.meshes[0].clone());
     twice.surfaces[1].shape = Shape::Mesh(MeshId(1));
-    for precision in PRECISIONS {
+    for precision in zoo::in_turn(PRECISIONS) {
         let options = zoo::options(20_000, 4, precision);
         assert!(zoo::trace(&once, &options) == zoo::trace(&twice, &options), "{precision:?}");
     }

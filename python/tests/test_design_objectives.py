@@ -17,6 +17,8 @@ from nsq_gpu.design.maps import BlockMaps, Estimate, estimate, pairs, powers
 from nsq_gpu.design.objectives import EncircledEnergy, Flux, MatchMap, Objective, Peak, RmsRadius, Uniformity, merit
 from tests.live import cs
 
+pytestmark = pytest.mark.in_turn
+
 X = (np.arange(24) - 11.5) * 0.5
 Y = (np.arange(20) - 9.5) * 0.5
 

@@ -25,6 +25,8 @@ from nsq_gpu.scene_file import scene_from_dict
 from tests import live
 from tests.live import cs, glass
 
+pytestmark = pytest.mark.in_turn
+
 INCIDENCES = [0.0, 20.0, 60.0]
 RADIALS = [0.0, 5.0, 20.0, 45.0, 90.0, 140.0]
 

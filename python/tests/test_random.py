@@ -13,6 +13,8 @@ from optiland.nonsequential.backends.numpy_backend import NumpyBackend
 
 from tests import live, random_scenes
 
+pytestmark = pytest.mark.in_turn
+
 #: Each feature alone, then in pairs.
 NUM_SCENES = int(os.environ.get("NSQ_GPU_RANDOM_SCENES", random_scenes.NUM_COVERING))
 SEED = int(os.environ.get("NSQ_GPU_RANDOM_SEED", "1"))

@@ -24,28 +24,25 @@ use std::process::ExitCode;
 use std::sync::LazyLock;
 use table::{MUTANTS, Mutant};
 
-/// A test for the table, one for each check on the shaders as they are, and one for each mutant. Where a device is lost,
+/// A test for the table, one for each check on the shaders as they are, and one for each mutant. Two of three mutants wait for
+/// `make test-long`, and so do errors in what an implementation logs for the host. Where a device is lost,
 /// those after it on that device fail as well: the first one tells why. `--nocapture` shows how mutants were noticed.
 fn main() -> ExitCode {
     let mut arguments = Arguments::from_args();
     arguments.test_threads = arguments.test_threads.or_else(threads_of_environment);
     let shows_how = arguments.nocapture;
     let table = Trial::test("table", every_mutant_changes_one_place_and_has_a_name_of_its_own);
-    let originals = named_checks().into_iter().map(|name| {
+    let originals = zoo::in_turn(named_checks()).map(|name| {
         let passes = move || Ok(Check::named(name).run(&Bench::of_originals())?);
         on_the_device(format!("original: {name}"), passes)
     });
+    let few: BTreeSet<usize> = zoo::in_turn((0..MUTANTS.len()).step_by(3)).collect();
     let mutants = MUTANTS.iter().enumerate().map(|(place, mutant)| {
         let trial = on_the_device(format!("mutant: {}", mutant.name), move || is_noticed(mutant, shows_how));
-        trial.with_ignored_flag(is_long(place, mutant))
+        trial.with_ignored_flag(!few.contains(&place) || mutant.file.starts_with("cpu/log/"))
     });
     let trials = std::iter::once(table).chain(originals).chain(mutants).collect();
     libtest_mimic::run(&arguments, trials).exit_code()
-}
-
-/// True of two of three, and of errors in what an implementation logs for the host: they wait for `make test-long`.
-fn is_long(place: usize, mutant: &Mutant) -> bool {
-    !place.is_multiple_of(3) || mutant.file.starts_with("cpu/log/")
 }
 
 /// As many as tests of the standard harness would have.
