@@ -125,7 +125,7 @@ lint: rust-components
 
 test-rust: adapter display
 	@$(PART) "Rust tests, built" 150 cargo test --no-run
-	@$(PART) "Rust tests" 800 env RUST_TEST_THREADS="$${RUST_TEST_THREADS:-$(TEST_THREADS)}" $(RUST_TESTS)
+	@$(PART) "Rust tests" 1100 env RUST_TEST_THREADS="$${RUST_TEST_THREADS:-$(TEST_THREADS)}" $(RUST_TESTS)
 
 # Without the CPU backend: the plain loop alone. With the viewer, so that dependencies are those of all other tests.
 test-plain: adapter

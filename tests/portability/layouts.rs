@@ -421,7 +421,7 @@ fn host_fills_the_buffers_that_shaders_declare() {
         bindings::PATHS,
         bindings::PATHS_HEAD,
     ];
-    for tier in Tier::all() {
+    for tier in crate::files::in_turn(Tier::all()) {
         for (name, variant) in
             Choice::all().into_iter().map(Variant::of_choice).chain([("all".into(), everything())])
         {

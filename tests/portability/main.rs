@@ -106,7 +106,7 @@ fn variants_of(tier: Tier) -> impl Iterator<Item = (String, Variant)> {
 
 #[test]
 fn a_quarter_of_the_f32_portable_variants_are_valid_everywhere() {
-    for baked in [true, false] {
+    for baked in files::in_turn([true, false]) {
         check_every(4, Tier { precision: Precision::F32, native: false, baked });
     }
 }

@@ -258,7 +258,7 @@ const SEEDS: u64 = 2000;
 fn intervals_of_totals_hold_the_converged_value() {
     const NUM_RAYS: u64 = 500;
     const CONVERGED: u64 = 200_000;
-    for name in ["bench_lens", "tessar_gaussian_beams"] {
+    for name in zoo::in_turn(["bench_lens", "tessar_gaussian_beams"]) {
         let ir = zoo::load(name);
         let converged = converged(&ir, CONVERGED);
         let options = options(NUM_RAYS, 0, Precision::F32);
@@ -292,9 +292,8 @@ fn intervals_of_totals_of_sobol_points_hold_the_converged_value() {
 
 #[test]
 fn intervals_of_pixels_of_sobol_points_hold_the_converged_value() {
-    for (name, num, num_rays, num_seeds) in
-        [("bench_cavity", 16, 40_000, 60), ("lambertian_sphere", 3, 20_000, 400)]
-    {
+    let scenes = [("bench_cavity", 16, 40_000, 60), ("lambertian_sphere", 3, 20_000, 400)];
+    for (name, num, num_rays, num_seeds) in zoo::in_turn(scenes) {
         for splat in [Splat::Hard, Splat::Bilinear] {
             let mut ir = coarse(name, num, Some(splat));
             ir.detectors.retain(|detector| detector.absorb || name == "bench_cavity");
