@@ -201,7 +201,8 @@ fn check_numbers(every: usize, num_without_effect: usize) {
     let known = ["searchlight: /sources/0/half_angle_deg", "tapered_light_guide: /sources/1/half_angle_deg"];
     assert!(without_effect.iter().all(|place| known.contains(&place.as_str())), "{without_effect:?}");
     assert_eq!(without_effect.len(), num_without_effect, "{without_effect:?}");
-    assert!(num_numbers * every > 1000, "{num_numbers}");
+    // Of a third of the scenes, too.
+    assert!(num_numbers * every > 300, "{num_numbers}");
 }
 
 #[test]
