@@ -27,8 +27,6 @@ SHELL := bash
 export XDG_RUNTIME_DIR ?= /tmp
 # Where backtraces are asked for, wgpu's checks would take one at every lock. Panics have theirs.
 export RUST_LIB_BACKTRACE ?= 0
-# Some tests of every scene take a third of the scenes, another one with each commit; NSQ_GPU_TURN=all takes all of them.
-export NSQ_GPU_TURN ?= $(shell git rev-list --count HEAD 2>/dev/null || echo all)
 
 PYTHON = python3
 DEMO_SCENE = scenes/cooke_triplet.json
@@ -114,6 +112,9 @@ notebooks: adapter .venv/installed
 
 test: in-turn test-rust test-python
 
+# Tests of many cases take a third of them, other ones with each commit.
+in-turn test-rust test-python: export NSQ_GPU_TURN ?= $(shell git rev-list --count HEAD 2>/dev/null || echo all)
+
 in-turn:
 	@[ "$(NSQ_GPU_TURN)" = all ] || echo "turn $(NSQ_GPU_TURN): tests of many cases take a third of them; NSQ_GPU_TURN=all takes all"
 
@@ -146,7 +147,7 @@ test-python: adapter .venv/installed
 		--ignore tests/test_torch.py --ignore tests/test_torch_lenses.py
 
 test-random: adapter .venv/installed
-	cd python && NSQ_GPU_TURN=all NSQ_GPU_BINARY=$(BINARY) NSQ_GPU_RANDOM_SCENES=$(RANDOM_SCENES) NSQ_GPU_RANDOM_SEED=$(RANDOM_SEED) \
+	cd python && NSQ_GPU_BINARY=$(BINARY) NSQ_GPU_RANDOM_SCENES=$(RANDOM_SCENES) NSQ_GPU_RANDOM_SEED=$(RANDOM_SEED) \
 		../.venv/bin/python -m pytest $(PYTEST_WORKERS) tests/test_random.py
 
 test-torch: adapter .venv-torch/installed .venv-torch/optiland

@@ -184,8 +184,9 @@ fn a_beam_has_its_full_width_at_half_maximum() {
 
 #[test]
 fn intervals_of_figures_hold_the_truth() {
-    // Of 24 seeds 95 % hold with a standard deviation of 4.4 %.
-    check_intervals(&["bilinear"], 24, 81.0..=100.0);
+    // Of 60 seeds 95 % hold with a standard deviation of 2.8 %, and of 24 with 4.4 %.
+    let (seeds, least) = if zoo::turn().is_none() { (60, 86.0) } else { (24, 81.0) };
+    check_intervals(&["bilinear"], seeds, least..=100.0);
 }
 
 #[test]

@@ -107,9 +107,7 @@ fn the_stage_gives_the_same_bits_in_every_scene_that_has_one() {
 #[test]
 #[ignore = "long"]
 fn small_batches_and_failed_rays_in_queues_have_the_same_bits() {
-    for (name, precision) in
-        zoo::in_turn(SOME.into_iter().zip([Precision::F32, Precision::F64].into_iter().cycle()))
-    {
+    for (name, precision) in SOME.into_iter().zip([Precision::F32, Precision::F64].into_iter().cycle()) {
         let options = TraceOptions { batch_size: Some(300), events_per_dispatch: 2, ..options(precision) };
         assert!(has_same_bits(name, &options), "{name} has no hot path");
     }

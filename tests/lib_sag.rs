@@ -4,6 +4,8 @@
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests, outside of #[test]")]
 
 mod common;
+#[path = "zoo/files.rs"]
+mod files;
 
 use common::{Gpu, Storage, real_bytes, reals_of};
 use glam::{DVec2, DVec3};
@@ -16,7 +18,7 @@ use nsq_gpu::program::wgsl::library::{self, Integers, Real};
 use std::f64::consts::TAU;
 
 /// Surfaces of a kind: in `make test`, and in the long tests.
-const FEW_SURFACES: u64 = 8;
+const FEW_SURFACES: u64 = 16;
 const MANY_SURFACES: u64 = 48;
 const RAYS_PER_SURFACE: u64 = 48;
 const MISS: f64 = 1e37;
@@ -292,7 +294,7 @@ fn check(real: Real, kind: ShapeKind, num_surfaces: u64) -> Option<(usize, f64)>
 }
 
 fn check_all(real: Real, num_surfaces: u64) {
-    for kind in KINDS {
+    for kind in files::in_turn(KINDS) {
         let Some((num_met, largest)) = check(real, kind, num_surfaces) else { continue };
         println!("{real:?}, {kind:?}: {num_met} rays met, {largest:.2} units in the last place");
         assert!(num_met as u64 > 21 * num_surfaces, "{kind:?}: {num_met} rays met a surface");

@@ -81,7 +81,7 @@ fn what_is_no_number_reaches_no_sum_and_is_reported() {
             // The seventh's rays gone at once: what the others bring.
             let others = with_plant(scene, precision, baked, "ray.fate = ESCAPED;");
             assert!(others.ledger.closes());
-            for plant in zoo::in_turn(plants) {
+            for plant in plants {
                 let name = format!("{scene}, {}: {plant}", precision.name());
                 let result = with_plant(scene, precision, baked, plant);
                 assert!(

@@ -25,8 +25,8 @@ use std::sync::LazyLock;
 use table::{MUTANTS, Mutant};
 
 /// A test for the table, one for each check on the shaders as they are, and one for each mutant. Two of three mutants wait for
-/// `make test-long`, and so do errors in what an implementation logs for the host. Where a device is lost,
-/// those after it on that device fail as well: the first one tells why. `--nocapture` shows how mutants were noticed.
+/// `make test-long`, and so do errors in what an implementation logs for the host. Where a device is lost, those after it on
+/// that device fail as well: the first one tells why. `--nocapture` shows how mutants were noticed.
 fn main() -> ExitCode {
     let mut arguments = Arguments::from_args();
     arguments.test_threads = arguments.test_threads.or_else(threads_of_environment);

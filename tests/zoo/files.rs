@@ -26,13 +26,20 @@ pub const NUM_TURNS: usize = 3;
 /// The cases of this run, of all cases of a test that takes long. `NSQ_GPU_TURN` is a number, whose remainder chooses a third
 /// of them, and of two cases one. Without it, or where it is `all`, they are all of them. `make test` counts commits, so three
 /// in a row have all.
+///
+/// Of two lists in one loop only one may be in turn. In both, each turn would pair the same cases again.
 pub fn in_turn<T>(cases: impl IntoIterator<Item = T>) -> impl Iterator<Item = T> {
-    let turn = std::env::var("NSQ_GPU_TURN").ok().filter(|turn| turn != "all");
-    let turn: Option<usize> = turn.map(|turn| turn.parse().expect("NSQ_GPU_TURN is a number or `all`"));
+    let turn = turn();
     let cases: Vec<T> = cases.into_iter().collect();
     let num_turns = cases.len().clamp(1, NUM_TURNS);
     let is_of_this = move |case: usize| turn.is_none_or(|turn| is_of_turn(case, turn, num_turns));
     cases.into_iter().enumerate().filter(move |(case, _)| is_of_this(*case)).map(|(_, case)| case)
+}
+
+/// The number of this run; `None` if it has all cases.
+pub fn turn() -> Option<usize> {
+    let turn = std::env::var("NSQ_GPU_TURN").ok().filter(|turn| turn != "all");
+    turn.map(|turn| turn.parse().expect("NSQ_GPU_TURN is a number or `all`"))
 }
 
 /// Tests take tiers, filters and policies by the number of a scene. So a turn has no fixed remainder of these numbers.

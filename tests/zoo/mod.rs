@@ -15,7 +15,7 @@ use std::io::Write;
 
 use devices::Devices;
 #[allow(unused_imports, reason = "each test binary uses its part of the helpers")]
-pub use files::{NUM_TURNS, in_turn, is_of_turn, json_files, repository, scenes_in_turn};
+pub use files::{NUM_TURNS, in_turn, is_of_turn, json_files, repository, scenes_in_turn, turn};
 use forced::Asked;
 use nsq_gpu::gpu::{AdapterChoice, Gpu, Native};
 use nsq_gpu::guide::Guide;
