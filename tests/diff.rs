@@ -211,7 +211,7 @@ fn coverage(sampler: Sampler, seeds: u64, num_rays: u64) -> (f64, u64) {
 
 #[test]
 fn errors_are_those_of_the_scatter_between_seeds() {
-    for sampler in [Sampler::Pcg, Sampler::Sobol] {
+    for sampler in zoo::in_turn([Sampler::Pcg, Sampler::Sobol]) {
         let (covered, all) = coverage(sampler, 48, 20_000);
         // Pixels of one seed share rays, so that the share scatters more than that of as many free draws: by measurement up to
         // 0.008 for 48 seeds.

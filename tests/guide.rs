@@ -123,16 +123,16 @@ fn guided_rays_bring_the_light_of_plain_ones_in_every_scene() {
 /// 95 % intervals of a ghost's flux hold its mean over many seeds in 92 to 98 % of all seeds.
 #[test]
 fn intervals_of_ghosts_hold_as_often_as_they_say() {
-    check_intervals(&[
+    check_intervals(zoo::in_turn([
         ("cooke_triplet", None, 0.0, None),
         ("cooke_triplet", None, 1e-4, Some("scatterings == 1")),
-    ]);
+    ]));
 }
 
 #[test]
 #[ignore = "long"]
 fn intervals_of_more_ghosts_hold_as_often_as_they_say() {
-    check_intervals(&[
+    check_intervals([
         ("double_gauss", Some(0.002), 0.0, None),
         ("double_gauss", Some(0.002), 0.0, Some("reflections == 2")),
         ("double_gauss", Some(0.002), 1e-4, None),
@@ -140,10 +140,10 @@ fn intervals_of_more_ghosts_hold_as_often_as_they_say() {
 }
 
 /// Of lenses with this reflectance of their faces, this share of scattered light, and this filter of paths.
-fn check_intervals(lenses: &[(&str, Option<f64>, f64, Option<&str>)]) {
+fn check_intervals<'a>(lenses: impl IntoIterator<Item = (&'a str, Option<f64>, f64, Option<&'a str>)>) {
     const SEEDS: u64 = 400;
     const NUM_RAYS: u64 = 6000;
-    for &(name, reflectance, roughness, filter) in lenses {
+    for (name, reflectance, roughness, filter) in lenses {
         let mut ir = reflectance.map_or_else(|| zoo::load(name), |reflectance| coated(name, reflectance));
         if roughness > 0.0 {
             roughen(&mut ir, roughness);

@@ -589,7 +589,7 @@ fn rays_that_arrive_at_the_same_place_from_either_side_are_not_failed() {
 #[test]
 fn a_path_that_fails_all_rays_is_left() {
     let ir = zoo::load("bench_lens");
-    let by_itself = TraceOptions { num_rays: 1 << 23, ..options(Precision::F32) };
+    let by_itself = TraceOptions { num_rays: 1 << 22, ..options(Precision::F32) };
     let plain = by_itself.with(|overrides| overrides.hot_path = Override::Never);
     let (right, wrong) =
         ("real(kept_events)), first_arrival, holds)", "0.0), first_arrival, range.count == 0u)");
@@ -714,7 +714,8 @@ fn rays_whose_last_event_ends_them_have_the_same_bits() {
 
 #[test]
 fn sobol_points_have_the_same_bits() {
-    for (name, precision) in SOME.into_iter().zip([Precision::F64, Precision::F32].into_iter().cycle()) {
+    let cases = SOME.into_iter().zip([Precision::F64, Precision::F32].into_iter().cycle());
+    for (name, precision) in zoo::in_turn(cases) {
         let options = TraceOptions { sampler: Sampler::Sobol, ..options(precision) };
         assert!(has_same_bits(name, &options), "{name} has no hot path");
     }

@@ -8,6 +8,8 @@
 )]
 
 mod command;
+#[path = "zoo/files.rs"]
+mod files;
 
 use command::{command, run, stderr};
 use serde_json::Value;
@@ -274,28 +276,28 @@ fn every_command_that_is_stopped_keeps_what_is_done() {
         ),
         (&["view", &scene, "-n", FOREVER, "--screenshot"], ".png"),
     ];
-    for (number, (arguments, kept)) in commands.iter().enumerate() {
-        for signal in ["INT", "TERM"] {
-            let name = format!("{number}{signal}{}", if kept.starts_with('.') { kept } else { "" });
-            let out = place.text(&name);
-            let mut child = spawn(&[arguments, &[out.as_str()][..]].concat());
-            stop(&mut child, Duration::from_secs(6), signal);
-            let start = Instant::now();
-            let output = child.wait_with_output().unwrap();
-            let said = format!("{arguments:?} {signal}: {}", stderr(&output));
-            assert_eq!(output.status.code(), Some(INTERRUPTED), "{said}");
-            // A quiet machine takes 2 s; this bound only finds a stop that is not heard.
-            assert!(start.elapsed() < Duration::from_secs(20), "{said}");
-            let file = if kept.starts_with('.') { PathBuf::from(&out) } else { Path::new(&out).join(kept) };
-            assert!(file.metadata().is_ok_and(|found| found.len() > 0), "{said}");
-            if arguments[0] != "view" {
-                assert_eq!(json(&output.stdout)["partial"], true, "{said}");
-            }
-            if arguments[0] == "sweep" {
-                let num = json(&output.stdout)["points"].as_array().unwrap().len();
-                assert!(0 < num && num < 100_000, "{said}");
-                assert!(fs::read_to_string(&file).unwrap().contains("partial"), "{said}");
-            }
+    let stops =
+        commands.iter().flat_map(|(arguments, kept)| ["INT", "TERM"].map(|signal| (arguments, kept, signal)));
+    for (number, (arguments, kept, signal)) in files::in_turn(stops.enumerate()) {
+        let name = format!("{number}{}", if kept.starts_with('.') { kept } else { "" });
+        let out = place.text(&name);
+        let mut child = spawn(&[arguments, &[out.as_str()][..]].concat());
+        stop(&mut child, Duration::from_secs(6), signal);
+        let start = Instant::now();
+        let output = child.wait_with_output().unwrap();
+        let said = format!("{arguments:?} {signal}: {}", stderr(&output));
+        assert_eq!(output.status.code(), Some(INTERRUPTED), "{said}");
+        // A quiet machine takes 2 s; this bound only finds a stop that is not heard.
+        assert!(start.elapsed() < Duration::from_secs(20), "{said}");
+        let file = if kept.starts_with('.') { PathBuf::from(&out) } else { Path::new(&out).join(kept) };
+        assert!(file.metadata().is_ok_and(|found| found.len() > 0), "{said}");
+        if arguments[0] != "view" {
+            assert_eq!(json(&output.stdout)["partial"], true, "{said}");
+        }
+        if arguments[0] == "sweep" {
+            let num = json(&output.stdout)["points"].as_array().unwrap().len();
+            assert!(0 < num && num < 100_000, "{said}");
+            assert!(fs::read_to_string(&file).unwrap().contains("partial"), "{said}");
         }
     }
 }

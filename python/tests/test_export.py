@@ -91,7 +91,7 @@ def read_back(content: Json) -> NSQScene:
 # Whole files
 
 
-@pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", live.in_turn(SCENES), ids=lambda path: path.stem)
 def test_the_file_alone_traces_as_the_live_scene(
     path: Path, tmp_path: Path, schema: jsonschema.Draft202012Validator
 ) -> None:

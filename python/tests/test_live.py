@@ -38,5 +38,6 @@ def test_ray_for_ray(traced: tuple[Path, Json], precision: str, command: list[st
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("precision", ["f64", "f32"])
 @pytest.mark.parametrize("scene", CHAOTIC, ids=lambda path: path.stem)
+@pytest.mark.in_turn
 def test_statistically(scene: Path, precision: str, command: list[str], report) -> None:
     report(precision, scene, parity.check(command, scene, options(precision)))

@@ -51,6 +51,12 @@ pub fn splits(ir: &SceneIr) -> bool {
     ir.sampling.split_depth > 0 && ir.surfaces.iter().any(|s| s.interaction == Interaction::Refractive)
 }
 
+/// True if both branches of a split may scatter to one side. Then a ray may bring light twice by one sequence of events.
+pub fn branches_scatter(ir: &SceneIr) -> bool {
+    let scatters = |s: &Surface| s.interaction == Interaction::Refractive && s.scatter.is_some();
+    splits(ir) && ir.surfaces.iter().any(scatters)
+}
+
 /// True if two media border on each other somewhere.
 pub fn has_boundaries(ir: &SceneIr) -> bool {
     ir.surfaces.iter().any(is_boundary)

@@ -1,6 +1,8 @@
 //! What should be read with care in a result, with Optiland's thresholds.
 
 use crate::format::{listed, percent, shown, significant, thousands};
+use crate::model::sequence::Sequence;
+use crate::model::surface_optics::branches_scatter;
 use crate::model::{SceneIr, depth};
 use crate::result::wrong_side_warnings;
 use crate::result::{
@@ -138,6 +140,7 @@ impl Diagnostics {
         warnings.extend(self.underflows());
         warnings.extend(self.wrong_sides.iter().flat_map(|found| found.warnings.iter().cloned()));
         warnings.extend(self.saturated());
+        warnings.extend(without_errors(ir, result, tally));
         grave.extend(unfinished);
         let turned = self.wrong_sides.iter().filter(|found| found.has_turned);
         grave.extend(turned.flat_map(|found| found.warnings.iter().cloned()));
@@ -254,6 +257,32 @@ fn partial(result: &TraceResult) -> Option<String> {
             thousands(result.run.num_rays)
         )
     })
+}
+
+/// Why standard errors that were asked for are missing.
+fn without_errors(ir: &SceneIr, result: &TraceResult, tally: &Tally) -> Vec<String> {
+    let paths = tally.path_sums.as_ref();
+    let mut warnings = Vec::new();
+    if tally.moments_overflowed || paths.is_some_and(|paths| paths.squares_overflowed) {
+        warnings.push(
+            "standard errors are missing: a few rays are so heavy that their squares outgrew the sums. A ray becomes heavy              where --scatter-prob or --reflect-prob makes rare what most of the light does: give smaller ones"
+                .into(),
+        );
+    }
+    if paths.is_some() && result.run.sampler == "sobol" {
+        warnings.push(
+            "paths have no standard errors: Sobol points are no independent draws; --sampler pcg has errors"
+                .into(),
+        );
+    }
+    let scattered = |sequence: &Sequence| sequence.scatterings() > 0;
+    if branches_scatter(ir) && paths.is_some_and(|paths| paths.rows.keys().any(scattered)) {
+        warnings.push(
+            "rows of scattered light have no standard errors: rays are split (split_depth of the scene's sampling) at faces              that scatter, so one ray may bring light twice by one path"
+                .into(),
+        );
+    }
+    warnings
 }
 
 fn dark_detectors(result: &TraceResult) -> Vec<String> {

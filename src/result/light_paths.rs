@@ -3,8 +3,8 @@
 use crate::format::csv_text;
 use crate::model::path_filter::MOST_PARTS;
 use crate::model::sequence::{End, Sequence, Step, StepKind};
-use crate::model::surface_optics::splits;
-use crate::model::{Interaction, PathFilter, SceneIr};
+use crate::model::surface_optics::branches_scatter;
+use crate::model::{PathFilter, SceneIr};
 use crate::result::{
     CoatingRank, FewRays, FluxUnit, PathSum, PathTally, QUANTA_PER_WEIGHT, Recoated, Recoating, Tally,
 };
@@ -183,10 +183,7 @@ pub fn groups<'a>(
     }
     let launched = tally.rays.counts(ir.sources.len());
     let totals = totals(sums, recoating);
-    let splits = splits(ir);
-    // Both branches of a split may scatter to one side, and then are one sequence: a ray comes by it twice.
-    let branches_scatter =
-        splits && ir.surfaces.iter().any(|s| s.interaction == Interaction::Refractive && s.scatter.is_some());
+    let branches_scatter = branches_scatter(ir);
     let is_plain = names_are_plain(ir);
     // Some names cannot be written in an expression, or stand for others as well, and some sequences are too long.
     let keeps_alone = |text: &String, members: &[Member]| {

@@ -32,22 +32,29 @@ impl Words {
 
     /// What the elements from `first` on add to their cells: (cell, value); zeros are left out.
     pub fn values(self, first: u64, bytes: &[u8]) -> impl Iterator<Item = (usize, u128)> {
-        /// Passed over at once where nothing is in them.
-        const BLOCK: usize = 512;
+        // Passed over at once where nothing is in them.
         let blocks = (0..).step_by(BLOCK).zip(bytes.chunks(BLOCK));
-        let lit = blocks.filter(|(_, block)| block.iter().fold(0, |all, byte| all | byte) != 0);
+        let lit = blocks.filter(|(_, block)| !is_zero(block));
         lit.flat_map(move |(at, block)| self.values_of_block(first + at / self.element_bytes(), block))
     }
 
     fn values_of_block(self, first: u64, bytes: &[u8]) -> impl Iterator<Item = (usize, u128)> {
         let lowest_bit = if self == Words::Top { 64 } else { 0 };
         let elements = (first..).zip(bytes.chunks_exact(self.element_bytes() as usize));
-        elements.filter(|(_, element)| element.iter().any(|&byte| byte != 0)).map(move |(at, element)| {
+        elements.filter(|(_, element)| !is_zero(element)).map(move |(at, element)| {
             let value = element.iter().rev().fold(0, |value, &byte| (value << 8) | u128::from(byte));
             let (cell, word) = (at / self.per_cell(), at % self.per_cell());
             (cell as usize, value << (lowest_bit + 32 * word))
         })
     }
+}
+
+/// Bytes that are passed over together.
+const BLOCK: usize = 512;
+
+/// True if all bytes are zero, of at most a block. A comparison of memory is fast also where nothing is optimised.
+fn is_zero(bytes: &[u8]) -> bool {
+    *bytes == [0; BLOCK][..bytes.len()]
 }
 
 #[cfg(test)]
