@@ -35,12 +35,12 @@ BENCH_ARGS = --quick
 ACCURACY_ARGS =
 # Torch takes part where `make test-torch` has installed it.
 PEER_PYTHON = $(firstword $(wildcard .venv-torch/bin/python) .venv/bin/python)
-# More tests at once than processors: they share devices, and often wait for them.
-TEST_THREADS = $$(($$(nproc 2>/dev/null || echo 1) + 2))
+# Of each of two programs: more tests at once than processors, because tests share devices, and often wait for them.
+TEST_THREADS = $$(nproc 2>/dev/null || echo 1)
 # NumPy computes in one thread. Neighbours stay together: they share what the reference traced.
 PYTEST_WORKERS = -n auto --maxprocesses 8 --dist worksteal
-# What runs them. Where time is limited, tests/by_time.py begins no program after a time.
-RUST_TESTS = cargo test
+# Runs them, two programs at a time.
+RUST_TESTS = $(PYTHON) tests/by_time.py
 SECOND_DRIVER = VK_ADD_DRIVER_FILES=$(abspath .drivers)/usr/lib/chromium/vk_swiftshader_icd.json
 # Optiland's own tests of scenes, in one process and in their order: one leaves on that every constant wants a gradient.
 OPTILANDS_TESTS = tests/nonsequential
@@ -54,6 +54,10 @@ PART = $(abspath .ci/part)
 # BUILD_ARGS change together; `pip install ./python` takes the same build.
 TARGET_FOLDER = $(or $(CARGO_TARGET_DIR),target)
 BINARY = $(abspath $(TARGET_FOLDER)/debug/nsq-gpu)
+# A first build, of which nothing is kept for the next one, takes less.
+ifeq ($(wildcard $(TARGET_FOLDER)/debug),)
+export CARGO_INCREMENTAL ?= 0
+endif
 BUILD_ARGS =
 # The release takes longer.
 BUILD_BUDGET = $(if $(BUILD_ARGS),420,360)
@@ -63,7 +67,7 @@ WHEEL_PROFILE = release
 # What measures stands beside what it measures.
 FAST_BENCH = $(dir $(FAST_BINARY))nsq-bench
 
-.PHONY: demo docs notebooks test-docs browser wheel test-wheel bench bench-live accuracy fast-binary lint test in-turn test-rust test-python test-random test-torch test-drivers test-long test-plain test-bare gpu-report build adapter display rust-components clean
+.PHONY: demo docs notebooks test-docs browser wheel test-wheel bench bench-live accuracy fast-binary lint test in-turn prepared compiled test-rust test-python test-random test-torch test-drivers test-long test-plain test-bare gpu-report build adapter display rust-components clean
 
 demo:
 	@$(MAKE) --no-print-directory adapter BINARY=$(FAST_BINARY) BUILD_ARGS="--release -p nsq-gpu"
@@ -110,7 +114,15 @@ notebooks: adapter .venv/installed
 		../.venv/bin/python -m pytest -q --durations=5 tests/test_notebooks.py
 	@echo "written: notebooks-out"
 
-test: in-turn test-rust test-python
+test: in-turn prepared test-rust test-python
+
+# Packages of Python are fetched and unpacked while Rust compiles.
+prepared:
+	@$(call needs_cargo)
+	@$(MAKE) --no-print-directory -j2 compiled .venv/installed
+
+compiled:
+	@$(PART) "program and tests, built" 330 cargo test --no-run
 
 # Tests of many cases take a third of them, other ones with each commit.
 in-turn test-rust test-python: export NSQ_GPU_TURN ?= $(shell git rev-list --count HEAD 2>/dev/null || echo all)
@@ -125,8 +137,8 @@ lint: rust-components
 	@$(PART) clippy 150 cargo clippy --workspace --all-targets -- -D warnings
 
 test-rust: adapter display
-	@$(PART) "Rust tests, built" 150 cargo test --no-run
-	@$(PART) "Rust tests" 1100 env RUST_TEST_THREADS="$${RUST_TEST_THREADS:-$(TEST_THREADS)}" $(RUST_TESTS)
+	@cargo test --quiet --no-run
+	@$(PART) "Rust tests" 900 env RUST_TEST_THREADS="$${RUST_TEST_THREADS:-$(TEST_THREADS)}" $(RUST_TESTS)
 
 # Without the CPU backend: the plain loop alone. With the viewer, so that dependencies are those of all other tests.
 test-plain: adapter

@@ -741,7 +741,8 @@ fn paths_are_shown_alone_and_add_up() {
     assert!(both.sum() > second.sum());
     click(&mut window, "Tick path 2");
     let third = values(&mut window);
-    assert!((&second + &third - &both).iter().all(|difference| difference.abs() <= 1e-15 * both.sum()));
+    let rounding = 1e-15 * both.sum();
+    assert!((&second + &third - &both).iter().all(|difference| difference.abs() <= rounding));
     click(&mut window, "All");
     assert_eq!(values(&mut window), whole, "all rows are the detector's map");
     click(&mut window, "All but the direct light");
