@@ -504,7 +504,7 @@ fn derivatives_have_the_precision_of_the_tier() {
         scene.gradients(zoo::gpu(), &options, how(), |_| true).unwrap().0
     };
     let exact = of(Precision::F64);
-    for (precision, tolerance) in [(Precision::F32, 2e-3), (Precision::Df64, 1e-9)] {
+    for (precision, tolerance) in zoo::in_turn([(Precision::F32, 2e-3), (Precision::Df64, 1e-9)]) {
         for (found, exact) in of(precision).iter().zip(&exact) {
             let (found_map, map) = (found.map.as_ref().unwrap(), exact.map.as_ref().unwrap());
             let size: f64 = map.iter().map(|value| value.abs()).sum();
@@ -966,7 +966,7 @@ fn the_way_back_has_the_precision_of_the_tier() {
         scene.loss_gradient(zoo::gpu(), &options, how(), &adjoints, |_| true).unwrap().values
     };
     let exact = of(Precision::F64);
-    for (precision, tolerance) in [(Precision::F32, 1e-5), (Precision::Df64, 1e-11)] {
+    for (precision, tolerance) in zoo::in_turn([(Precision::F32, 1e-5), (Precision::Df64, 1e-11)]) {
         for (value, exact) in of(precision).iter().zip(&exact) {
             assert!(
                 (value - exact).abs() <= tolerance * exact.abs(),
@@ -1085,7 +1085,12 @@ fn check_scene(name: &str) -> BothWays {
 /// With sources, shapes, scattering and detectors of all kinds, and paths of more events than are kept at once.
 #[test]
 fn the_way_back_is_the_way_forward_in_other_scenes() {
-    for name in ["integrating_sphere", "scattering_telescope", "telephoto_spectral", "tapered_light_guide"] {
+    for name in zoo::in_turn([
+        "integrating_sphere",
+        "scattering_telescope",
+        "telephoto_spectral",
+        "tapered_light_guide",
+    ]) {
         let found = check_scene(name);
         assert!(found.num_compared > 1 && found.why_forward.is_none(), "{name}: {found:?}");
     }
@@ -1261,10 +1266,10 @@ fn a_short_difference_confirms_what_stays_clear_of_edges() {
         let apart = scene.not_confirmed(zoo::gpu(), &options, cache, &adjoints, &found, |_| true).unwrap();
         apart.into_iter().map(|(number, _)| names[number]).collect::<Vec<_>>()
     };
-    for num_rays in [100, 5_000, 50_000] {
+    for num_rays in zoo::in_turn([100, 5_000, 50_000]) {
         assert_eq!(not_confirmed(BENCH, num_rays, None, false), Vec::<&str>::new(), "{num_rays} rays");
     }
-    for cache in [None, Some(&cache)] {
+    for cache in zoo::in_turn([None, Some(&cache)]) {
         let found = not_confirmed(&wide, 50_000, cache, true);
         assert!(
             found.contains(&"L1.front_aperture_radius") && !found.contains(&"beam.total_flux"),

@@ -148,9 +148,8 @@ fn the_first_dispatch_of_a_deep_trace_is_short() {
 #[test]
 fn a_depth_that_no_ray_reaches_changes_no_bit() {
     // The light of the pipe that has more than 64 events needs thousands.
-    for (name, shallow) in
-        [("double_gauss", 64), ("bench_lens", 64), ("light_pipe", 20_000), ("opal_lamp", 20_000)]
-    {
+    let scenes = [("double_gauss", 64), ("bench_lens", 64), ("light_pipe", 20_000), ("opal_lamp", 20_000)];
+    for (name, shallow) in zoo::in_turn(scenes) {
         let ir = zoo::load(name);
         for precision in [Precision::F32, Precision::F64] {
             for standard_error in [StandardError::Off, StandardError::On] {
@@ -948,7 +947,7 @@ fn files_of_command(scene: &str, precision: &str, threads: &str) -> BTreeMap<Str
 
 #[test]
 fn one_thread_and_two_write_the_same_bytes() {
-    for scene in ["filter_stack", "kaleidoscope", "tessar_gaussian_beams"] {
+    for scene in zoo::in_turn(["filter_stack", "kaleidoscope", "tessar_gaussian_beams"]) {
         for precision in ["f32", "f64"] {
             let [one, two] = ["1", "2"].map(|threads| files_of_command(scene, precision, threads));
             assert!(one.len() > 2, "{scene}: {:?}", one.keys());

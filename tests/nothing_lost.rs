@@ -6,6 +6,8 @@
 )]
 
 mod command;
+#[path = "zoo/files.rs"]
+mod files;
 
 use command::{command, run, stderr};
 use serde_json::{Value, json};
@@ -338,9 +340,8 @@ fn checkpoints_of_other_traces_are_refused_by_what_differs() {
 fn parts_merge_to_the_bits_of_one_run() {
     let folder = tempfile::tempdir().unwrap();
     let place = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
-    for (scene, sampler, whole_of) in
-        [(LENS, "pcg", None), (BEAMS, "pcg", Some("50000")), (BEAMS, "sobol", Some("50000"))]
-    {
+    let cases = [(LENS, "pcg", None), (BEAMS, "pcg", Some("50000")), (BEAMS, "sobol", Some("50000"))];
+    for (scene, sampler, whole_of) in files::in_turn(cases) {
         let names =
             ["whole", "a", "b", "c", "merged"].map(|name| place(&format!("{name}_{sampler}{}", scene.len())));
         let [whole, a, b, c, merged] = names.each_ref().map(String::as_str);
@@ -577,7 +578,7 @@ fn a_killed_run_leaves_the_old_result_or_the_new_one() {
         .collect();
     let [old, new] = whole.as_slice() else { panic!("two results") };
     assert!(old.len() == new.len() && old["D0.npz"] != new["D0.npz"]);
-    for has_folder in [false, true] {
+    for has_folder in files::in_turn([false, true]) {
         let mut num_kills = 0;
         loop {
             let place = tempfile::tempdir_in(folder.path()).unwrap();
@@ -621,7 +622,7 @@ fn a_killed_run_leaves_the_old_result_or_the_new_one() {
 #[test]
 fn a_folder_that_another_run_makes_meanwhile_is_no_error() {
     let place = tempfile::tempdir().unwrap();
-    for round in 0..3000 {
+    for round in 0..1000 {
         let deep = place.path().join(round.to_string());
         let start = std::sync::Barrier::new(2);
         std::thread::scope(|scope| {

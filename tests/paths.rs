@@ -9,7 +9,7 @@ mod zoo;
 
 use nsq_gpu::TraceOptions;
 use nsq_gpu::engine::options::DEFAULT_PATH_ROWS;
-use nsq_gpu::model::{End, PathFilter, SceneIr};
+use nsq_gpu::model::{Bsdf, End, Interaction, Lambertian, PathFilter, Scatter, ScatterSampling, SceneIr};
 use nsq_gpu::paths::rows::TableOptions;
 use nsq_gpu::program::{Precision, Sampler};
 use nsq_gpu::result::{Grouping, LightPath, PathSum, PathTally, Tally};
@@ -379,4 +379,40 @@ fn tables_of_1e8_rays_are_the_same_in_one_part_in_two_and_in_seven() {
             assert_eq!(&sum, whole, "{name} in {num_parts} parts");
         }
     }
+}
+
+/// What users read where rows have no standard errors.
+#[test]
+fn why_rows_have_no_errors_is_said() {
+    let said = |ir: &SceneIr, options: &TraceOptions| {
+        let result = zoo::result(ir, options);
+        let of_errors = |warning: &&String| warning.contains("standard errors");
+        result.diagnostics.warnings.iter().filter(of_errors).cloned().collect::<Vec<_>>()
+    };
+    let mut rough = zoo::load("cooke_triplet");
+    for surface in rough.surfaces.iter_mut().filter(|surface| surface.interaction == Interaction::Refractive)
+    {
+        let bsdf = Bsdf::Lambertian(Lambertian { reflectance_value: 1.0, transmissive_fraction: 1.0 });
+        surface.scatter = Some(Scatter { fraction: 1e-4, bsdf });
+    }
+    let plain = with_table(1000, Precision::F32);
+    assert_eq!(said(&rough, &plain), Vec::<String>::new());
+
+    // A ray that passes six faces unscattered weighs 0.13^-6: its square is above what a sum holds.
+    let mut forced = rough.clone();
+    forced.scatter_sampling =
+        vec![ScatterSampling { prob: Some(0.87), targets: Vec::new() }; rough.surfaces.len()];
+    let heavy = said(&forced, &with_table(1 << 20, Precision::F32));
+    assert!(
+        heavy.len() == 1 && heavy[0].contains("so heavy") && heavy[0].contains("--scatter-prob"),
+        "{heavy:?}"
+    );
+
+    let mut split = rough.clone();
+    split.sampling.split_depth = 2;
+    let twice = said(&split, &with_table(100_000, Precision::F32));
+    assert!(twice.len() == 1 && twice[0].contains("split_depth"), "{twice:?}");
+
+    let sobol = said(&rough, &TraceOptions { sampler: Sampler::Sobol, ..plain });
+    assert!(sobol.len() == 1 && sobol[0].contains("--sampler pcg"), "{sobol:?}");
 }

@@ -2,6 +2,8 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
 
 mod command;
+#[path = "zoo/files.rs"]
+mod files;
 
 use command::{command, has_adapter, run, stderr};
 use nsq_gpu::run::checkpoint::Checkpoint;
@@ -135,7 +137,7 @@ fn results_of_every_kind_are_consistent_with_other_rays() {
         ("scattering_telescope", &["--reflect-prob", "0.25"]),
         ("integrating_sphere", &["-n", "2000000000", "--time-limit", "1s"]),
     ];
-    for (number, (scene, more)) in cases.into_iter().enumerate() {
+    for (number, (scene, more)) in files::in_turn(cases.into_iter().enumerate()) {
         let result = folder.path().join(number.to_string());
         let path = format!("scenes/{scene}.json");
         let rays: &[&str] = if more.contains(&"-n") { &[] } else { &["-n", "20000"] };

@@ -168,6 +168,7 @@ pub fn result_of(ir: &SceneIr, options: &TraceOptions, tally: &Tally) -> TraceRe
         num_rays: options.num_rays,
         seed: options.seed,
         max_depth: options.max_depth,
+        sampler: options.sampler.name().into(),
         ..RunInfo::default()
     };
     TraceResult::new(ir, &run, tally).unwrap()
