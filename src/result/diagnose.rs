@@ -265,7 +265,8 @@ fn without_errors(ir: &SceneIr, result: &TraceResult, tally: &Tally) -> Vec<Stri
     let mut warnings = Vec::new();
     if tally.moments_overflowed || paths.is_some_and(|paths| paths.squares_overflowed) {
         warnings.push(
-            "standard errors are missing: a few rays are so heavy that their squares outgrew the sums. A ray becomes heavy              where --scatter-prob or --reflect-prob makes rare what most of the light does: give smaller ones"
+            "standard errors are missing: a few rays are so heavy that their squares outgrew the sums. A ray becomes heavy \
+             where --scatter-prob or --reflect-prob makes rare what most of the light does: give smaller ones"
                 .into(),
         );
     }
@@ -278,7 +279,8 @@ fn without_errors(ir: &SceneIr, result: &TraceResult, tally: &Tally) -> Vec<Stri
     let scattered = |sequence: &Sequence| sequence.scatterings() > 0;
     if branches_scatter(ir) && paths.is_some_and(|paths| paths.rows.keys().any(scattered)) {
         warnings.push(
-            "rows of scattered light have no standard errors: rays are split (split_depth of the scene's sampling) at faces              that scatter, so one ray may bring light twice by one path"
+            "rows of scattered light have no standard errors: rays are split (split_depth of the scene's sampling) at faces \
+             that scatter, so one ray may bring light twice by one path"
                 .into(),
         );
     }

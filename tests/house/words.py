@@ -16,6 +16,8 @@ parts them, and "None if" is free.
 In *texts of the program*, phrases alone are looked for: their lengths are free. These are the strings of src/, comments
 above `#[arg(` or `#[command(`, which are texts of `--help`, and all strings and comments of python/nsq_gpu. Docstrings are
 strings.
+
+*Gaps* are ten spaces or more between two words of a text of the program: a line that was joined to the one before it.
 """
 
 import argparse
@@ -43,6 +45,7 @@ PHRASES = {
     "none where": r"\bnone where\b",
     "negations": rf"\b{FIRST_NEGATION}(?:\s+(?!(?:and|or|nor|but)\b)[\w'`-]+){{0,3}}\s+{NEXT_NEGATION}\b",
 }
+GAP = re.compile(r"\w[,.;:]? {10,}\w")
 # What a text has in which a phrase can be, whatever marks stand between the words: all else need not be read closely.
 LIKELY = re.compile(rf"\btell|\btold|\b(?:that|those)\W+of|\bnone\W+where|\b{FIRST_NEGATION}\b.*\b{NEXT_NEGATION}\b", re.I | re.S)
 
@@ -220,6 +223,8 @@ def is_help(source, last):
 def findings(path, text):
     """(line, kind, sentence) of what is wrong in a file."""
     for counted, number, paragraph in texts(path, text):
+        if not counted and not path.endswith(".md") and GAP.search(paragraph):
+            yield number, "gap", paragraph.strip()
         if not counted and not path.endswith(".md") and not LIKELY.search(paragraph):
             continue
         for sentence in sentences(paragraph):
@@ -302,6 +307,7 @@ PLANTED = [
     ("a.rs", 'say("one\\nno map without\\ntold");\n', ["negations", "tell"]),
     ("a.rs", 'say("see `told`; no map; none if it is dark");\n', []),
     ("a.rs", "/// The text that is told.\n#[inline]\nfn a() {}\n", ["tell"]),
+    ("a.rs", 'say("a line, joined            to the next one\\n  deg    W");\n', ["gap"]),
     ("a.wgsl", f"// {LONG} six.\nfn a() {{}}\n", ["long"]),
     ("a.wgsl", f"fn a() {{}}\n// {LONG} six; those of the rest.\n", ["long", "that of"]),
     ("a.py", f'"""{LONG} six."""\n#: {LONG} six.\na = told.that  # {LONG} six.\n', []),
@@ -346,7 +352,7 @@ def main():
             counts[room(path) if options.by == "room" else path, kind] += 1
             if not options.by:
                 print(f"{path}:{line}: {kind}: {sentence}")
-    kinds = ["long", *PHRASES]
+    kinds = ["long", *PHRASES, "gap"]
     if options.by:
         print(f"| {'where':44} | {' | '.join(kinds)} |\n|---|{'---|' * len(kinds)}")
         for where in sorted({where for where, _ in counts}):
