@@ -26,6 +26,8 @@ from nsq_gpu.session import shared_session
 from tests import live
 
 #: Light that goes straight through.
+pytestmark = pytest.mark.in_turn
+
 DIRECT = "reflections == 0"
 
 
@@ -137,7 +139,6 @@ def disk_after_gaussian(x: np.ndarray, radius: float, width: float) -> np.ndarra
     return np.fft.ifft2(np.fft.fft2(disk) * gaussian).real.clip(0)
 
 
-@pytest.mark.in_turn
 def test_standard_errors_hold_the_truth_as_often_as_they_should() -> None:
     r, window = reflectance(), plate()
     truth = {"nsq_flux": (1 - r) / (1 + r), "nsq_ghost_flux": (1 - r)**2 * r**2 / (1 - r**2)}
@@ -373,7 +374,6 @@ def test_a_tiny_step_finds_ghosts_that_a_rim_cuts() -> None:
     assert slope < 0 > long
 
 
-@pytest.mark.in_turn
 @pytest.mark.parametrize("optimizer", ["L-BFGS-B", "Nelder-Mead", "least squares", "differential evolution"])
 def test_optimisers_find_the_focus_of_the_sequential_engine(optimizer: str) -> None:
     lens = singlet(96.5)

@@ -31,6 +31,8 @@ from nsq_gpu.session import Session
 from tests import live
 from tests.live import cs, glass
 
+pytestmark = pytest.mark.in_turn
+
 FRAME = ("x", "y", "z", "rx", "ry", "rz")
 LENSES: dict[str, Callable[[], Optic]] = {
     "triplet": CookeTriplet, "double Gauss": DoubleGauss, "achromat": CementedAchromat, "telescope": HubbleTelescope}

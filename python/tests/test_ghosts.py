@@ -30,6 +30,8 @@ from tests.live import cs, glass
 
 matplotlib.use("Agg")
 
+pytestmark = pytest.mark.in_turn
+
 NUM_RAYS = 4000
 #: What a trace of each field needs in the place of the defaults, for speed and for the same rays as those of separate traces.
 OPTIONS = {"num_rays": NUM_RAYS, "seed": 7, "precision": "f64", "guide": False, "max_depth": 24, "split_depth": 6, "progress": False}

@@ -26,6 +26,8 @@ matplotlib.use("Agg")
 F, RADIUS, SHARE = 1000.0, 125.0, 0.3
 #: Half-angles of the spot and of the field [deg].
 SPOT, FIELD = 0.2, 5.0
+pytestmark = pytest.mark.in_turn
+
 LINE = Spectrum(np.array([0.55]), np.array([1.0]))
 
 
