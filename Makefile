@@ -122,7 +122,7 @@ prepared:
 	@$(MAKE) --no-print-directory -j2 compiled .venv/installed
 
 compiled:
-	@$(PART) "program and tests, built" 420 cargo test --no-run
+	@$(PART) "program and tests, built" 400 cargo test --no-run
 
 # Tests of many cases take a third of them, other ones with each commit.
 in-turn test-rust test-python: export NSQ_GPU_TURN ?= $(shell git rev-list --count HEAD 2>/dev/null || echo all)
@@ -138,7 +138,7 @@ lint: rust-components
 
 test-rust: adapter display
 	@cargo test --quiet --no-run
-	@$(PART) "Rust tests" 700 env RUST_TEST_THREADS="$${RUST_TEST_THREADS:-$(TEST_THREADS)}" $(RUST_TESTS)
+	@$(PART) "Rust tests" 720 env RUST_TEST_THREADS="$${RUST_TEST_THREADS:-$(TEST_THREADS)}" $(RUST_TESTS)
 
 # Without the CPU backend: the plain loop alone. With the viewer, so that dependencies are those of all other tests.
 test-plain: adapter
