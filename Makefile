@@ -54,10 +54,6 @@ PART = $(abspath .ci/part)
 # BUILD_ARGS change together; `pip install ./python` takes the same build.
 TARGET_FOLDER = $(or $(CARGO_TARGET_DIR),target)
 BINARY = $(abspath $(TARGET_FOLDER)/debug/nsq-gpu)
-# A first build, of which nothing is kept for the next one, takes less.
-ifeq ($(wildcard $(TARGET_FOLDER)/debug),)
-export CARGO_INCREMENTAL ?= 0
-endif
 BUILD_ARGS =
 # The release takes longer.
 BUILD_BUDGET = $(if $(BUILD_ARGS),420,360)
@@ -122,7 +118,7 @@ prepared:
 	@$(MAKE) --no-print-directory -j2 compiled .venv/installed
 
 compiled:
-	@$(PART) "program and tests, built" 400 cargo test --no-run
+	@$(PART) "program and tests, built" 430 cargo test --no-run
 
 # Tests of many cases take a third of them, other ones with each commit.
 in-turn test-rust test-python: export NSQ_GPU_TURN ?= $(shell git rev-list --count HEAD 2>/dev/null || echo all)
