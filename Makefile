@@ -35,11 +35,11 @@ BENCH_ARGS = --quick
 ACCURACY_ARGS =
 # Torch takes part where `make test-torch` has installed it.
 PEER_PYTHON = $(firstword $(wildcard .venv-torch/bin/python) .venv/bin/python)
-# Of each of two programs: more tests at once than processors, because tests share devices, and often wait for them.
+# Tests at once in each of two programs. Tests share devices, and often wait for them: so there are more than processors.
 TEST_THREADS = $$(nproc 2>/dev/null || echo 1)
 # NumPy computes in one thread. Neighbours stay together: they share what the reference traced.
 PYTEST_WORKERS = -n auto --maxprocesses 8 --dist worksteal
-# Runs them, two programs at a time.
+# Runs the Rust tests, two programs at a time.
 RUST_TESTS = $(PYTHON) tests/by_time.py
 SECOND_DRIVER = VK_ADD_DRIVER_FILES=$(abspath .drivers)/usr/lib/chromium/vk_swiftshader_icd.json
 # Optiland's own tests of scenes, in one process and in their order: one leaves on that every constant wants a gradient.

@@ -15,7 +15,6 @@ import argparse
 import re
 import subprocess
 import sys
-import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 
@@ -48,25 +47,18 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0, help="the program to begin with, counted round")
     parser.add_argument("--until", type=float, default=float("inf"), help="begin no program after this time [s since 1970]")
     options = parser.parse_args()
-    all_of_them = programs()
-    waiting, one_asks = in_turn(all_of_them, options.first, options.until), threading.Lock()
-    ran, failed = [], []
+    order = list(in_turn(programs(), options.first, float("inf")))
 
-    def run_what_waits() -> None:
-        while True:
-            with one_asks:
-                program = next(waiting, None)
-            if program is None:
-                return
-            ran.append(program)
-            if not passes(program):
-                failed.append(program[-1])
+    def outcome(program: list[str]) -> bool | None:
+        return passes(program) if time.time() <= options.until else None
 
+    # Where Ctrl-C ends it, `map` cancels what has not begun.
     with ThreadPoolExecutor(PROGRAMS_AT_ONCE) as pool:
-        for worker in [pool.submit(run_what_waits) for _ in range(PROGRAMS_AT_ONCE)]:
-            worker.result()
-    print(f"{len(ran)} of {len(all_of_them)} test programs ran, {len(failed)} failed: {', '.join(failed) or 'none'}")
-    left_out = [program[-1] for program in all_of_them if program not in ran]
+        outcomes = list(zip(order, pool.map(outcome, order), strict=True))
+    ran = [program for program, passed in outcomes if passed is not None]
+    failed = [program[-1] for program, passed in outcomes if passed is False]
+    print(f"{len(ran)} of {len(order)} test programs ran, {len(failed)} failed: {', '.join(failed) or 'none'}")
+    left_out = [program[-1] for program, passed in outcomes if passed is None]
     if left_out:
         print(f"not begun for lack of time: {', '.join(left_out)}")
     return 1 if failed else 0

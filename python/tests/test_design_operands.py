@@ -25,9 +25,9 @@ from nsq_gpu.scene_file import parsed
 from nsq_gpu.session import shared_session
 from tests import live
 
-#: Light that goes straight through.
 pytestmark = pytest.mark.in_turn
 
+#: Light that goes straight through.
 DIRECT = "reflections == 0"
 
 

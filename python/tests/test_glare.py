@@ -23,11 +23,11 @@ from tests.live import cs
 
 matplotlib.use("Agg")
 
+pytestmark = pytest.mark.in_turn
+
 F, RADIUS, SHARE = 1000.0, 125.0, 0.3
 #: Half-angles of the spot and of the field [deg].
 SPOT, FIELD = 0.2, 5.0
-pytestmark = pytest.mark.in_turn
-
 LINE = Spectrum(np.array([0.55]), np.array([1.0]))
 
 
