@@ -14,9 +14,9 @@ use zoo::{guided, sum_and_error};
 use nsq_gpu::guide::Guide;
 use nsq_gpu::guide::learn::Wanted;
 use nsq_gpu::guide::table::PLAIN_SHARE;
-use nsq_gpu::model::bsdfs::{Bsdf, HarveyShack, Scatter, Specular};
+use nsq_gpu::model::bsdfs::{Bsdf, Scatter, Specular};
 use nsq_gpu::model::scatter_sampling::ScatterSampling;
-use nsq_gpu::model::{Interaction, PathFilter, ReflectProb, SceneIr, Sequence, StepKind};
+use nsq_gpu::model::{PathFilter, ReflectProb, SceneIr, Sequence, StepKind};
 use nsq_gpu::paths::rows::{TableOptions, flux_unit, table};
 use nsq_gpu::program::{Precision, Sampler};
 use nsq_gpu::result::{Grouping, LightPath, PathSum, QUANTA_PER_WEIGHT, Tally};
@@ -47,13 +47,6 @@ fn coated(name: &str, reflectance: f64) -> SceneIr {
 
 fn ledger_closes(ir: &SceneIr, options: &TraceOptions, tally: &Tally, what: &str) {
     assert_eq!(zoo::result_of(ir, options, tally).ledger.imbalance_quanta, 0, "{what}");
-}
-
-/// Makes every refractive face scatter so much of its light.
-fn roughen(ir: &mut SceneIr, fraction: f64) {
-    let bsdf = Bsdf::HarveyShack(HarveyShack { b0: 0.1, l0: 0.01, s: 1.5, transmissive_fraction: 1.0 });
-    let refractive = ir.surfaces.iter_mut().filter(|surface| surface.interaction == Interaction::Refractive);
-    refractive.for_each(|surface| surface.scatter = Some(Scatter { fraction, bsdf: bsdf.clone() }));
 }
 
 /// What rows and ends get is the same on average, for each of these scenes; every second one is coated.
@@ -146,7 +139,7 @@ fn check_intervals<'a>(lenses: impl IntoIterator<Item = (&'a str, Option<f64>, f
     for (name, reflectance, roughness, filter) in lenses {
         let mut ir = reflectance.map_or_else(|| zoo::load(name), |reflectance| coated(name, reflectance));
         if roughness > 0.0 {
-            roughen(&mut ir, roughness);
+            zoo::roughen(&mut ir, roughness);
         }
         ir.sampling = nsq_gpu::model::Sampling::default();
         ir.sources.truncate(1);
@@ -405,7 +398,7 @@ fn scattered_light_and_ghosts_get_equal_relative_errors() {
     let mut ir = coated("double_gauss", 0.002);
     ir.sampling = nsq_gpu::model::Sampling::default();
     ir.sources.truncate(1);
-    roughen(&mut ir, 1e-4);
+    zoo::roughen(&mut ir, 1e-4);
     let options = with_table(NUM_RAYS, 3, Precision::F64);
     let image = ir.detectors.iter().position(|detector| detector.name == "image");
     let asked = guided(&ir, &options, NUM_RAYS, &Wanted { detector: image, top: 24, ..Wanted::default() });

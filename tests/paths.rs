@@ -9,7 +9,7 @@ mod zoo;
 
 use nsq_gpu::TraceOptions;
 use nsq_gpu::engine::options::DEFAULT_PATH_ROWS;
-use nsq_gpu::model::{Bsdf, End, Interaction, Lambertian, PathFilter, Scatter, ScatterSampling, SceneIr};
+use nsq_gpu::model::{End, PathFilter, ScatterSampling, SceneIr};
 use nsq_gpu::paths::rows::TableOptions;
 use nsq_gpu::program::{Precision, Sampler};
 use nsq_gpu::result::{Grouping, LightPath, PathSum, PathTally, Tally};
@@ -392,18 +392,14 @@ fn why_rows_have_no_errors_is_said() {
         result.diagnostics.warnings.iter().filter(of_errors).cloned().collect::<Vec<_>>()
     };
     let mut rough = zoo::load("cooke_triplet");
-    for surface in rough.surfaces.iter_mut().filter(|surface| surface.interaction == Interaction::Refractive)
-    {
-        let bsdf = Bsdf::Lambertian(Lambertian { reflectance_value: 1.0, transmissive_fraction: 1.0 });
-        surface.scatter = Some(Scatter { fraction: 1e-4, bsdf });
-    }
+    zoo::roughen(&mut rough, 1e-4);
     let plain = with_table(1000, Precision::F32);
     assert_eq!(said(&rough, &plain), Vec::<String>::new());
 
     // A ray that passes six faces unscattered weighs 0.13^-6: its square is above what a sum holds.
     let mut forced = rough.clone();
     forced.scatter_sampling =
-        vec![ScatterSampling { prob: Some(0.87), targets: Vec::new() }; rough.surfaces.len()];
+        vec![ScatterSampling { prob: Some(0.87), ..ScatterSampling::default() }; rough.surfaces.len()];
     let heavy = said(&forced, &with_table(1 << 20, Precision::F32));
     assert!(
         heavy.len() == 1 && heavy[0].contains("so heavy") && heavy[0].contains("--scatter-prob"),

@@ -20,7 +20,7 @@ use forced::Asked;
 use nsq_gpu::gpu::{AdapterChoice, Gpu, Native};
 use nsq_gpu::guide::Guide;
 use nsq_gpu::guide::learn::{Wanted, learn};
-use nsq_gpu::model::{Coating, Interaction, SceneIr, SimpleCoating};
+use nsq_gpu::model::{Bsdf, Coating, HarveyShack, Interaction, Scatter, SceneIr, SimpleCoating};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{PathSum, QUANTA_PER_WEIGHT, RunInfo, Tally};
 use nsq_gpu::run::{Collect, ForAdapter, PipelineCache, Shaders};
@@ -177,6 +177,13 @@ pub fn result_of(ir: &SceneIr, options: &TraceOptions, tally: &Tally) -> TraceRe
 /// Traces and reads out.
 pub fn result(ir: &SceneIr, options: &TraceOptions) -> TraceResult {
     result_of(ir, options, &trace(ir, options))
+}
+
+/// Makes every refractive face scatter so much of its light.
+pub fn roughen(ir: &mut SceneIr, fraction: f64) {
+    let bsdf = Bsdf::HarveyShack(HarveyShack { b0: 0.1, l0: 0.01, s: 1.5, transmissive_fraction: 1.0 });
+    let refractive = ir.surfaces.iter_mut().filter(|surface| surface.interaction == Interaction::Refractive);
+    refractive.for_each(|surface| surface.scatter = Some(Scatter { fraction, bsdf: bsdf.clone() }));
 }
 
 /// Coats every refractive face that has no coating: it reflects this share of the light, and absorbs nothing.
